@@ -9,13 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from .interface import Failing
-from .packets import (
-    BusError,
-    ConfigurationError,
-    NotWrittenError,
-    RegisterError,
-    WrongModelError,
-)
+from .packets import BusError, NoReplyError, NotWrittenError, RegisterError, in_words
 from .port import BusPort
 from .readings import ServoReadings
 from .registers import load_model
@@ -122,24 +116,21 @@ class ServoBus(ServoReadings):
         """Make sure that servos answer, are of the bus's model, and have settings that the bus can work with.
 
         Raises:
-            NoReplyError: one does not answer.
+            NoReplyError: one does not answer; the message says who does.
             WrongModelError: one is of another model.
             ConfigurationError: one does not acknowledge writes, is not in position mode, or counts turns.
         """
         for servo in ids:
-            if (number := self.ping(servo)) != self.model.model_number:
-                raise WrongModelError(
-                    f"servo {servo} reports model number {number}, but a {self.model.name} has "
-                    f"{self.model.model_number}; give the right servo model.",
-                    [servo],
-                )
-            for needed in self.model.requires:
-                if not needed.met(value := self.read_register(servo, needed.register)):
-                    raise ConfigurationError(
-                        f"servo {servo} has {value} in register '{needed.register}'; {needed.remedy} "
-                        f"(sealegs scan id={servo} set={needed.register}:<count>).",
-                        [servo],
-                    )
+            try:
+                for error in self.unfit(servo, goals=False):
+                    raise error
+            except NoReplyError as error:
+                error.args = (f"{str(error).rstrip('.')}; {self._who_answers(ids)}.",)
+                raise
+
+    def _who_answers(self, ids: Sequence[int]) -> str:
+        found = list(self.scan(ids))
+        return f"{in_words(found)} {'does' if len(found) == 1 else 'do'} answer" if found else "no other answers either"
 
     # --- goals -------------------------------------------------------------------------------------------------
 

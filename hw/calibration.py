@@ -38,6 +38,7 @@ from .joints import (
     check_joints,
     checked_gears,
     gear_of,
+    homing,
     line_of,
     read_lines,
     table,
@@ -277,19 +278,28 @@ def _joint(
     zero = round(place - direction * at / step)
     say(f"{name}: the robot works between {low:.{digits}f} and {high:.{digits}f} {unit}.")
     steps = _sweep(bus, number, lambda: ask(f"{name}: move it slowly from stop to stop; press Enter when done. "))
-    jump = np.abs(np.diff(steps)).max(initial=0)
-    if jump > SEAM * servo.steps:
-        raise CalibrationError(
-            f"joint {name}: its range goes over the encoder's seam (step 0 and {servo.steps - 1}), which the "
-            "servo cannot cross; turn the horn by half a turn and calibrate again."
-        )
-    ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
     shifts = servo.role("homing_offset")
     offset = None if shifts is None else bus.read_register(number, shifts)
+    if np.abs(np.diff(steps)).max(initial=0) > SEAM * servo.steps:
+        raise CalibrationError(_over_the_seam(name, number, steps, servo, offset))
+    ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
     low, high = ends[0] + INSIDE * per_radian, ends[1] - INSIDE * per_radian
     joint = Joint(name, number, zero, direction, low, high, offset, per_radian)
     say(f"{name}: zero at step {zero}, direction {direction:+d}, range {low:.{digits}f} to {high:.{digits}f} {unit}.")
     return joint
+
+
+def _over_the_seam(name: str, number: int, steps: np.ndarray, servo: ServoModel, offset: int | None) -> str:
+    """That a sweep went over the encoder's seam, and what helps: nothing where it went round by a whole turn."""
+    seam = f"the encoder's seam (step 0 and {servo.steps - 1}), which the servo cannot cross"
+    path = np.unwrap(steps, period=servo.steps)
+    if servo.steps == servo.resolution and np.ptp(path) >= servo.steps:
+        return (
+            f"joint {name} went round by {np.ptp(path) / servo.steps:.1f} turns and so over {seam}: in position mode a "
+            "joint has less than one turn; calibrate it again, and move it only as far as it is to go."
+        )
+    mend = homing(servo, number, float(path.min() + path.max()) / 2.0, offset)
+    return f"joint {name}: its range goes over {seam}; {mend}turn the horn by half a turn and calibrate again."
 
 
 def _still(bus: Encoders, number: int, attempts: int = 50) -> int:

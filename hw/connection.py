@@ -24,8 +24,6 @@ from .supervisor import Bearable, Charge, Opening, Rest
 
 WATCHED_CYCLES = 3  # without a request, at least, before servos with a bus watchdog stop by themselves
 LONGEST = 10.0  # [s] that a reply may take
-SHORT = {"feetech": 16, "dynamixel": 0}
-"""Steps by which a servo may stop short of its joint's range: a Feetech clamps a goal, a Dynamixel ignores it."""
 
 
 def checked_hw(hw: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,6 +126,8 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
     Raises:
         ConfigurationError: it is not.
     """
+    for error in bus.unfit(joint.id):
+        raise error
     model = bus.model
     calibrated, offset = joint.homing_offset, bus.read_role(joint.id, "homing_offset")
     if calibrated is not None and calibrated != offset:
@@ -141,18 +141,11 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
     steps = joint.direction / (model.step * joint.per_radian)
     ends = (round(joint.zero + steps * angle) for angle in (joint.low, joint.high))
     first, last = sorted(min(max(end, 0), model.steps - 1) for end in ends)  # as goals are clipped
-    short = SHORT[model.protocol]
-    if low == high == 0:
-        raise ConfigurationError(
-            f"servo {joint.id} counts turns, since its registers {names[0]} and {names[1]} are 0; write 0 and "
-            f"{model.steps - 1} (bus.write_register).",
-            [joint.id],
-        )
-    if first < low - short or last > high + short:
+    if first < low - model.stops_short or last > high + model.stops_short:
+        wider = model.setting(joint.id, dict(zip(names, (min(low, first), max(high, last)), strict=True)), bus.port)
         raise ConfigurationError(
             f"servo {joint.id} keeps its goals between the steps {low} and {high}, but joint {joint.name} goes from "
-            f"{first} to {last}; widen its registers {names[0]} and {names[1]} (bus.write_register), or calibrate "
-            "again.",
+            f"{first} to {last}; widen its registers {names[0]} and {names[1]} ({wider}), or calibrate again.",
             [joint.id],
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from .clock import Clock
 from .packets import BusError
+from .registers import ServoModel
 from .servo_state import ServoState
 
 Failing = Callable[[Sequence[int], BusError], None]
@@ -19,6 +20,7 @@ class Adapter(Protocol):
     """One adapter, as far as its speed is measured."""
 
     port: str
+    model: ServoModel
 
     @property
     def clock(self) -> Clock:

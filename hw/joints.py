@@ -192,14 +192,7 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
             raise CalibrationError(
                 f"joint {joint.name} has the range {joint.low} to {joint.high} {unit}, which is none."
             )
-        for angle in (joint.low, joint.high):
-            place = joint.zero + joint.direction * angle / (joint.per_radian * model.step)
-            if not -0.5 <= place <= model.steps - 0.5:
-                raise CalibrationError(
-                    f"joint {joint.name} cannot reach {angle:.3f} {unit}: its encoder ends at step 0 and "
-                    f"{model.steps - 1}, and that is step {place:.0f}; mount the horn so that the range keeps "
-                    "clear of the encoder's seam, or give a smaller range."
-                )
+        _check_reach(joint, model, unit)
         low, high = limits[joint.name]
         if joint.high <= low or joint.low >= high:
             raise CalibrationError(
@@ -207,6 +200,41 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
                 f"'{robot.name}' works between {low:.2f} and {high:.2f} {unit}; zero or direction is wrong: "
                 "calibrate it again."
             )
+
+
+def _check_reach(joint: Joint, model: ServoModel, unit: str) -> None:
+    """Refuse a range that leaves the turn of the joint's encoder."""
+    scale = joint.direction / (joint.per_radian * model.step)
+    places = [joint.zero + scale * angle for angle in (joint.low, joint.high)]
+    if (wide := abs(places[1] - places[0])) > model.steps:
+        raise CalibrationError(
+            f"joint {joint.name} goes from {joint.low:.2f} to {joint.high:.2f} {unit}, {wide / model.resolution:.2f} "
+            f"turns of its servo, of which it has {model.steps / model.resolution:.3g} in position mode; give a "
+            "smaller range, or a gear."
+        )
+    for angle, place in zip((joint.low, joint.high), places, strict=True):
+        if not -0.5 <= place <= model.steps - 0.5:
+            raise CalibrationError(
+                f"joint {joint.name} cannot reach {angle:.3f} {unit}: its encoder ends at step 0 and "
+                f"{model.steps - 1}, and that is step {place:.0f}; "
+                f"{homing(model, joint.id, sum(places) / 2.0, joint.homing_offset)}mount the horn so that the range "
+                "keeps clear of the encoder's seam, and calibrate again, or give a smaller range."
+            )
+
+
+def homing(model: ServoModel, servo: int, middle: float, offset: int | None) -> str:
+    """The beginning of a sentence about a range over the seam: what moves the seam opposite to its ``middle`` [step].
+
+    Args:
+        model: of the servo.
+        servo: id.
+        middle: of the range, as the servo counts; over the seam it goes on.
+        offset: homing offset with which it counts so; None: not known.
+    """
+    count = None if offset is None else model.centring(middle, offset)
+    if count is None:
+        return ""
+    return f"move the seam away ({model.setting(servo, {model.role('homing_offset') or '': count})}), or "
 
 
 def nominal_joints(

@@ -209,7 +209,7 @@ class ControlLoop:
         self.bus.read_state(self.robot.all_ids)  # with all retries: who is missing here is missing
         if not self._metronome.stepped:
             for adapter, own in self.bus.adapters(self.robot.all_ids):
-                slow = too_slow(reading_time(adapter, own), self._metronome.period, adapter.port)
+                slow = too_slow(reading_time(adapter, own), self._metronome.period, adapter.port, adapter.model)
                 if slow is not None and (fault := self._named("slow", slow)) is not None:
                     return fault
         self.reading = self._read_once()

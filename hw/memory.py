@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 
 from .dialects import PING, READ, REBOOT, WRITE
 from .packets import (
+    BusError,
     ConfigurationError,
     CorruptReplyError,
     NoReplyError,
     NotWrittenError,
     RegisterError,
     ReplyError,
+    WrongModelError,
 )
 from .registers import Register, ServoModel
 from .transactions import Transactions
+
+RESTART = 3.0  # [s] within which a servo answers after a restart; Feetech's take 0.8 s
+PAUSE = 0.1  # [s] between two tries to reach it
 
 
 class ServoMemory:
@@ -74,6 +79,35 @@ class ServoMemory:
                         [servo],
                     ) from None
 
+    def unfit(self, servo: int, *, goals: bool = True) -> Iterator[BusError]:
+        """What is set up so that the host cannot work with a servo: what a run refuses, and what a scan tells.
+
+        Args:
+            servo: id.
+            goals: whether it gets goals; False: it only measures.
+
+        Raises:
+            ReplyError: it does not answer.
+        """
+        model = self.model
+        if (number := self.ping(servo)) != model.model_number:
+            yield WrongModelError(
+                f"servo {servo} reports model number {number}, but a {model.name} has {model.model_number}; give the "
+                "right servo model.",
+                [servo],
+            )
+            return
+        for needed in model.requires:
+            if needed.goals and not goals:
+                continue
+            count = self.read_register(servo, needed.register)
+            other = None if needed.above is None else self.read_register(servo, needed.above)
+            if not needed.met(count, other):
+                mend = model.setting(servo, needed.mended(count, model), self.line.path)
+                yield ConfigurationError(
+                    f"servo {servo} has {count} in register '{needed.register}'; {needed.remedy} ({mend}).", [servo]
+                )
+
     # --- registers ---------------------------------------------------------------------------------------------
 
     def read_register(self, servo: int, name: str) -> int:
@@ -114,7 +148,8 @@ class ServoMemory:
         Raises:
             RegisterError: there is no such register, it is read-only, or cannot take the count.
             RefusedError: the servo does not take it, such as a register of the EEPROM while torque is on.
-            NotWrittenError: it reads back otherwise.
+            NotWrittenError: it reads back otherwise, or the servo would forget it without power; then nothing is
+                written.
             ReplyError: no usable answer after the last try.
         """
         register = self.model[name]
@@ -131,7 +166,7 @@ class ServoMemory:
             if register.area != "eeprom":
                 self._write_checked(servo, register, data, count)
                 return
-            self._unlocked(servo, lambda: self._write_checked(servo, register, data, count))
+            self._unlocked(servo, f"{name} {count}", lambda: self._write_checked(servo, register, data, count))
 
     def change_id(self, servo: int, new: int) -> None:
         """Give a servo another id.
@@ -139,22 +174,57 @@ class ServoMemory:
         Raises:
             ConfigurationError: another servo has the new id.
             RegisterError: the id is outside 0..253.
-            NotWrittenError: it does not answer under the new id.
+            NotWrittenError: it does not answer under the new id, or would forget it without power.
         """
         data = self.model["id"].to_bytes(new)
         with self.line.lock:
             self.ping(servo)
             if new in self.scan([new]):
                 raise ConfigurationError(f"id {new} is taken by another servo; choose a free one.", [servo, new])
-            lock = self.model.role("lock")
-            if lock is not None:
-                self._put(servo, self.model[lock], b"\0")
+            lock = self._unlock(servo, "its id")
             with suppress(ReplyError):  # documents do not say under which id it acknowledges
                 self.line.transact([servo], WRITE, [*self.line.dialect.place(self.model["id"].address), *data], 0)
             if new not in self.scan([new]):
                 raise NotWrittenError(f"servo {servo} does not answer as {new}; scan the bus.", [servo])
             if lock is not None:
-                self._put(new, self.model[lock], b"\1")
+                self._put(new, lock, b"\1")
+
+    def restarted(self, servo: int, ids: Sequence[int] = ()) -> int | None:
+        """Restart a servo without torque whose lock register tells whether it did, and wait until it answers.
+
+        Args:
+            servo: id.
+            ids: under which it may answer afterwards; its own beside them.
+
+        Returns:
+            The id that it has now; None: it did not restart, or has no lock register or its torque is on.
+
+        Raises:
+            ReplyError: it does not answer any more.
+        """
+        with self.line.lock:
+            name = self.model.role("lock")
+            if name is None or self.read_register(servo, "torque_enable"):
+                return None
+            lock = self.model[name]
+            self._put(servo, lock, b"\0")  # which a restart makes 1
+            self.reboot(servo)
+            port, end = self.line.port, self.line.port.now() + RESTART
+            while True:
+                port.sleep(PAUSE)
+                found = [id for id in (servo, *ids) if id in self.scan([id])]
+                if found:
+                    break
+                if port.now() > end:
+                    raise NoReplyError(
+                        f"servo {servo} does not answer {RESTART:g} s after its restart; switch its power off and on, "
+                        "and scan the bus.",
+                        [servo],
+                    )
+            if self.read_register(found[0], name) == 0:
+                self._put(found[0], lock, b"\1")
+                return None
+            return found[0]
 
     def reboot(self, servo: int) -> None:
         """Restart a servo: its torque goes off, its faults are forgotten. It is silent for a moment.
@@ -165,17 +235,32 @@ class ServoMemory:
         with suppress(ReplyError):  # who restarts may not answer
             self.line.transact([servo], REBOOT, [], 0)
 
-    def _unlocked(self, servo: int, write: Callable[[], None]) -> None:
+    def _unlock(self, servo: int, what: str) -> Register | None:
+        """Let writes to the EEPROM persist: the lock register, which is to be closed again; None: there is none.
+
+        Raises:
+            NotWrittenError: it stays locked, so that ``what`` would be forgotten without power.
+        """
         name = self.model.role("lock")
         if name is None:
-            write()
-            return
+            return None
         lock = self.model[name]
         self._put(servo, lock, b"\0")
+        if self.read_register(servo, name) != 0:
+            raise NotWrittenError(
+                f"servo {servo} keeps its register '{name}' at 1, so it would forget {what} when its power goes off; "
+                "nothing is written: switch its power off and on and try again, or use the tool of the manufacturer.",
+                [servo],
+            )
+        return lock
+
+    def _unlocked(self, servo: int, what: str, write: Callable[[], None]) -> None:
+        lock = self._unlock(servo, what)
         try:
             write()
         finally:
-            self._put(servo, lock, b"\1")
+            if lock is not None:
+                self._put(servo, lock, b"\1")
 
     def _write_checked(self, servo: int, register: Register, data: bytes, count: int) -> None:
         def write() -> None:

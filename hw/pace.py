@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .interface import Adapter
+from .registers import ServoModel
 
 READINGS = 12  # of which the median counts
 BUSY = 0.7  # share of a period that a reading may take, before policy, goals and log; 18 servos at 100 Hz take 0.6
@@ -26,22 +27,22 @@ def reading_time(bus: Adapter, ids: Sequence[int]) -> float:
     return statistics.median(times)
 
 
-def too_slow(seconds: float, period: float, port: str) -> str | None:
+def too_slow(seconds: float, period: float, port: str, model: ServoModel) -> str | None:
     """A sentence where readings leave a cycle no time, with what mends it.
 
     Args:
         seconds: that a reading takes.
         period: of the loop [s].
         port: path of the adapter.
+        model: of the servos.
     """
     if seconds <= BUSY * period:
         return None
     rate = max(int(BUSY / seconds), 1)
     timer = DEVICES / Path(port).resolve().name / "latency_timer"
-    mend = (
-        "use a higher baud rate or a faster adapter, let the servos answer without return delay (sealegs scan id=1 "
-        "set=return_delay:0), or let the computer do less"
-    )
+    delay = model.role("return_delay")
+    prompt = f"let the servos answer without return delay ({model.setting(1, {delay: 0}, port)}), " if delay else ""
+    mend = f"use a higher baud rate or a faster adapter, {prompt}or let the computer do less"
     if (held := _held(timer)) > 1:
         mend = f"its latency_timer holds bytes for {held} ms, which `echo 1 | sudo tee {timer}` mends"
     return (

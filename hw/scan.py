@@ -7,22 +7,24 @@
     sealegs scan port=/dev/ttyUSB0 servo=xl330_m288           Dynamixels
     sealegs scan port=/dev/ttyUSB0 id=2 reboot=true           restart one; its torque goes off, its faults are forgotten
 
-No torque is switched on, and a scan writes nothing but what set= and new_id= name. set= takes no register that moves a
-servo: torque, goals, and speed and acceleration of a move.
+It says all that deploy would refuse or mention of a servo. No torque is switched on, and a scan writes nothing but what
+set= and new_id= name. set= takes no register that moves a servo: torque, goals, and speed and acceleration of a move.
+A servo with a lock register is restarted after set= and new_id=, if its torque is off, to see that it has kept them.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from rich.progress import track
 
 from ..actuators.errors import SealegsError
 from ..configs.script import run
 from .bus import ServoBus
-from .packets import BusError, ConfigurationError, PortError, WrongModelError, faults
+from .packets import BusError, NotWrittenError, PortError, faults, in_words
 from .registers import ServoModel, load_model, model_names
+from .unlike import unlike_the_factory
 
 TIMEOUT = 0.02  # [s] for a reply, until it is known how fast this adapter is
 TRIES = 3  # a servo that is asked for by its id is not given up for one reply that came late
@@ -71,10 +73,8 @@ def _row(bus: ServoBus, servo: int, model: int, say: Callable[[str], None]) -> N
     )
     for fault in faults([servo], [int(state.status[0])]):
         say(f"      {fault}")
-    try:
-        bus.check([servo])
-    except (ConfigurationError, WrongModelError) as error:
-        say(f"      {error}")
+    for sentence in (*bus.unfit(servo), *unlike_the_factory({f"of servo {servo}": seen}, bus.model)):
+        say(f"      {sentence}")
 
 
 def show(bus: ServoBus, servo: int, say: Callable[[str], None] = print) -> None:
@@ -89,22 +89,82 @@ def show(bus: ServoBus, servo: int, say: Callable[[str], None] = print) -> None:
 def put(bus: ServoBus, servo: int, wanted: str, say: Callable[[str], None] = print) -> None:
     """Set registers, ``name:count`` with commas between.
 
+    Those of the EEPROM come first: a restart then shows whether the servo keeps them, and would undo the others.
+
     Raises:
         SealegsError: a name or count is none, or would move the servo; nothing is written then.
-        BusError: a servo does not take it.
+        BusError: a servo does not take it, or forgets it.
     """
     pairs = []
     for item in wanted.split(","):
         name, _, count = item.partition(":")
         if not count.strip().lstrip("-").isdigit():
-            raise SealegsError(f"set={wanted} is not understood: give register:count, such as set=max_torque:500.")
+            example = f"set={bus.model.moves[0]}:{bus.model[bus.model.moves[0]].default}"
+            raise SealegsError(f"set={wanted} is not understood: give register:count, such as {example}.")
         bus.model[name.strip()].encode(int(count))
         _refuse_motion(bus.model, name.strip(), int(count))
         pairs.append((name.strip(), int(count)))
-    for name, count in pairs:
-        before = bus.read_register(servo, name)
-        bus.write_register(servo, name, count)
-        say(f"Servo {servo}: {name} {count} (before: {before}).")
+    lasting = [(name, count) for name, count in pairs if bus.model[name].area == "eeprom"]
+    passing = [pair for pair in pairs if pair not in lasting]
+    for part in (lasting, passing):
+        for name, count in part:
+            before = bus.read_register(servo, name)
+            bus.write_register(servo, name, count)
+            say(f"Servo {servo}: {name} {count} (before: {before}).")
+        if part and part is lasting:
+            _see_kept(bus, servo, dict(lasting), say)
+
+
+def _see_kept(bus: ServoBus, servo: int, counts: Mapping[str, int], say: Callable[[str], None]) -> None:
+    """Make sure that a servo keeps registers without power, or say that it may not.
+
+    Raises:
+        NotWrittenError: it does not.
+    """
+    if bus.model.role("lock") is None:
+        return
+    what = ", ".join(f"{name} {count}" for name, count in counts.items())
+    if bus.restarted(servo) is None:
+        say(_may_forget(bus, servo, what))
+        return
+    lost = {name: now for name, count in counts.items() if (now := bus.read_register(servo, name)) != count}
+    if lost:
+        raise NotWrittenError(
+            f"servo {servo} has forgotten {', '.join(f'{name} {counts[name]}' for name in lost)} in a restart and has "
+            f"{', '.join(f'{name} {now}' for name, now in lost.items())} again: it keeps nothing without power; use "
+            "the tool of the manufacturer.",
+            [servo],
+        )
+    say(f"Servo {servo} was restarted and has kept {what}.")
+
+
+def _may_forget(bus: ServoBus, servo: int, what: str) -> str:
+    return (
+        f"Servo {servo} was not restarted, since its torque is on or it cannot do so: {what} may be lost at power-off. "
+        f"Switch its power off and on, then look: sealegs scan port={bus.port} servo={bus.model.name} id={servo}"
+    )
+
+
+def give_id(bus: ServoBus, servo: int, new: int, say: Callable[[str], None] = print) -> None:
+    """Give a servo another id, and make sure that it keeps it without power, or say that it may not.
+
+    Raises:
+        BusError: it does not take it, or forgets it.
+    """
+    bus.change_id(servo, new)
+    say(f"Servo {servo} has the id {new} now.")
+    if bus.model.role("lock") is None:
+        return
+    if (found := bus.restarted(new, [servo])) is None:
+        say(_may_forget(bus, new, f"the id {new}"))
+    elif found != new:
+        raise NotWrittenError(
+            f"servo {new} has forgotten its id in a restart and is {found} again: it keeps nothing without power; use "
+            "the tool of the manufacturer.",
+            [found],
+        )
+    else:
+        say(f"Servo {new} was restarted and has kept its id.")
 
 
 def _refuse_motion(model: ServoModel, name: str, count: int) -> None:
@@ -151,14 +211,41 @@ def main(arguments: list[str]) -> None:
                 continue
             if one is not None:
                 return _single(bus, one, new, wanted, reboot)
-            hidden = not sys.stdout.isatty()
-            found += rows(bus, track(ids, f"Looking at {speed} bit/s", transient=True, disable=hidden))
+            found += rows(bus, track(ids, f"Looking at {speed} bit/s", transient=True, disable=_hidden()))
             timeout = bus.line.round_trip.timeout(timeout)
     if not found:
-        who = "no servo" if one is None else f"no servo {one}"
-        raise SealegsError(
-            f"{who} answers on {config['port']} at {', '.join(map(str, tried))} bit/s; check power and wiring."
-        )
+        raise SealegsError(_missing(str(config["port"]), model, one, ids if one is None else range(last + 1), tried))
+
+
+def _missing(port: str, model: ServoModel, one: int | None, ids: Iterable[int], tried: Sequence[int]) -> str:
+    """That a servo, or any, does not answer at the rates that were tried, and who does."""
+    rates = f"on {port} at {', '.join(map(str, tried))} bit/s"
+    if one is None:
+        return f"no servo answers {rates}; check power and wiring."
+    for speed in tried:
+        with ServoBus(port, speed, model.name, TIMEOUT) as bus:
+            shown = track(list(ids), f"Looking for others at {speed} bit/s", transient=True, disable=_hidden())
+            if there := list(_who(bus, shown)):
+                does = "does" if len(there) == 1 else "do"
+                return f"no servo {one} answers {rates}; {in_words(there)} {does}, at {speed} bit/s."
+    return f"no servo {one} answers {rates}, and no other one; check power and wiring."
+
+
+def _hidden() -> bool:
+    """Whether nobody sees a progress bar."""
+    return not sys.stdout.isatty()
+
+
+def _who(bus: ServoBus, ids: Iterable[int]) -> Iterator[int]:
+    """Ids that answer, cleanly or not."""
+    for number in ids:
+        try:
+            if number in bus.scan([number]):
+                yield number
+        except PortError:
+            raise
+        except BusError:  # a broken packet is an answer too
+            yield number
 
 
 def _single(bus: ServoBus, servo: int, new: int | None, wanted: str | None, reboot: bool) -> None:
@@ -168,8 +255,7 @@ def _single(bus: ServoBus, servo: int, new: int | None, wanted: str | None, rebo
     if wanted is not None:
         put(bus, servo, wanted)
     if new is not None:
-        bus.change_id(servo, new)
-        print(f"Servo {servo} has the id {new} now.")
+        give_id(bus, servo, new)
     if wanted is None and new is None and not reboot:
         show(bus, servo)
 

@@ -12,7 +12,7 @@ def unlike_the_factory(registers: Mapping[str, Mapping[str, int]], servo: ServoM
     """A sentence for each joint whose servo has been set up to move otherwise than it left the factory.
 
     Args:
-        registers: counts by joint and name.
+        registers: counts by joint and name; a scan, which knows no joints, names the servo.
         servo: model of the servos.
     """
     found = []
@@ -38,7 +38,7 @@ def unlike_the_file(registers: Mapping[str, Mapping[str, int]], robot: ServoRobo
         row = registers[joint.name]
         if other := [name for name, count in robot.registers.items() if row.get(name, count) != count]:
             counts = ", ".join(f"{name} {row[name]} ({robot.registers[name]})" for name in other)
-            mend = f"sealegs scan id={joint.id} set={other[0]}:{robot.registers[other[0]]}"
+            mend = joint.line.model(robot.servo).setting(joint.id, {name: robot.registers[name] for name in other})
             found.append(
                 f"Joint {joint.name} is set up otherwise than the robot's file says: {counts}; {mend} mends it."
             )

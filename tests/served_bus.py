@@ -58,11 +58,13 @@ def wait(wire: Wire, seconds: float) -> None:
 
 
 @contextlib.contextmanager
-def served(robot: str = "hopper", servos: dict[str, Any] | None = None, model: str = "sts3215") -> Iterator[Server]:
-    """A server in stepped time, every SYNC_READ 10 ms after the other."""
+def served(
+    robot: str = "hopper", servos: dict[str, Any] | None = None, model: str = "sts3215", stepped: bool = True
+) -> Iterator[Server]:
+    """A server; in stepped time every SYNC_READ is 10 ms after the other."""
     table = load_model(model)
     machine = Machine(get_robot(robot))
-    with Server(Wire(Rig(machine, table, mounts(machine.names, servos, table))), stepped=True) as server:
+    with Server(Wire(Rig(machine, table, mounts(machine.names, servos, table))), stepped=stepped) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -143,8 +144,29 @@ def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.
 def test_a_range_over_the_encoders_seam_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
     hand = Hand([{1: 3900}, {1: 4000}, {1: [3900, 4000, 4090, 5, 90, 200]}], {1: 3900})
-    with pytest.raises(CalibrationError, match="seam"):
+    with pytest.raises(CalibrationError, match="seam") as refusal:
         calibrated(hand, BENCH)
+    # the middle, step 4098, is at 4115 without the offset of 17; 2067 of them leave it at 2048, or -2029 the other way
+    assert "servo=sts3215 id=1 set=homing_offset:-2029), or turn the horn by half a turn" in str(refusal.value)
+
+
+def test_a_joint_that_goes_all_the_way_round_is_refused_for_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    round_and_round = [step % 4096 for step in range(2000, 2000 + 4600, 200)]
+    hand = Hand([{1: 2000}, {1: 2100}, {1: round_and_round}], {1: 2000})
+    with pytest.raises(CalibrationError, match=r"went round by 1\.\d turns .* less than one turn"):
+        calibrated(hand, BENCH)
+    with pytest.raises(CalibrationError, match=r"hip goes from -3.50 to 3.50 rad, 1.11 turns of its servo"):
+        check_joints(joints(hip={"low": -3.5, "high": 3.5}), HOPPER, SERVO, {})
+
+
+def test_the_homing_offset_that_is_named_brings_the_range_clear_of_the_seam() -> None:
+    over = joints(knee={"zero": 3800, "homing_offset": 17})
+    with pytest.raises(CalibrationError, match=r"set=homing_offset:(-?\d+)\), or mount") as refusal:
+        check_joints(over, HOPPER, SERVO, {})
+    offset = int(re.search(r"homing_offset:(-?\d+)", str(refusal.value))[1])  # type: ignore[index]
+    again = (3800 + 17 - offset) % 4096  # where the zero is then
+    check_joints(joints(knee={"zero": again, "homing_offset": offset}), HOPPER, SERVO, {})
 
 
 def test_too_few_servos_are_refused() -> None:

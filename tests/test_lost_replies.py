@@ -14,6 +14,7 @@ from sealegs.hw.commands import Reference, read_replay
 from sealegs.hw.comparison import from_log
 from sealegs.hw.dialects import Reply
 from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError, StalledError
+from sealegs.hw.registers import load_model
 
 from tests.simulated_runs import Simulation, sine
 
@@ -117,14 +118,20 @@ def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
         (tmp_path / "ttyUSB7").mkdir()
         (tmp_path / "ttyUSB7" / "latency_timer").write_text(held + "\n")
     monkeypatch.setattr(pace, "DEVICES", tmp_path)
-    said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7")
+    said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7", load_model("sts3215"))
     assert said is not None and "rate=41" in said
     assert (f"holds bytes for 16 ms, which `echo 1 | sudo tee {tmp_path}/ttyUSB7/latency_timer`" in said) == mends
     assert ("higher baud rate" in said and "return_delay" in said) != mends
 
 
+@pytest.mark.parametrize(("model", "name"), [("sts3215", "return_delay:0"), ("xl330_m288", "return_delay_time:0")])
+def test_what_makes_replies_faster_is_named_as_this_make_calls_it(model: str, name: str) -> None:
+    said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7", load_model(model))
+    assert said is not None and f"sealegs scan port=/dev/ttyUSB7 servo={model} id=1 set={name})" in said
+
+
 def test_eighteen_servos_at_a_hundred_hertz_are_not_called_too_slow() -> None:
-    assert pace.too_slow(0.0061, 0.01, "/dev/ttyUSB7") is None
+    assert pace.too_slow(0.0061, 0.01, "/dev/ttyUSB7", load_model("sts3215")) is None
 
 
 def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp_path: Path) -> None:

@@ -330,7 +330,7 @@ def test_a_servo_that_was_calibrated_otherwise_or_stops_short_is_refused(bus: Se
             check_joint(bus, joint)
         bus.write_register(1, name, before)
     bus.write_register(1, "max_angle", 0)
-    with pytest.raises(ConfigurationError, match="counts turns"):
+    with pytest.raises(ConfigurationError, match="makes the servo count turns"):
         check_joint(bus, joint)
 
 

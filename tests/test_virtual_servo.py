@@ -7,9 +7,12 @@ from pathlib import Path
 import mujoco
 import pytest
 from sealegs.envs.bench.robot import BENCH
+from sealegs.envs.robots import get_robot
 from sealegs.hw.packets import Status
 from sealegs.hw.virtual import protocol
 from sealegs.hw.virtual.faults import Fault
+from sealegs.hw.virtual.machine import Machine
+from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.wire import Wire
 
 from tests.served_bus import STEP, STS, ask, read, switch_on, wait, wired, write
@@ -234,6 +237,24 @@ def test_the_loop_does_not_take_the_short_way_over_the_seam():
     write(wire, "goal_position", 4000)  # 196 steps down, 3900 up
     wait(wire, 0.1)
     assert wire.rig.machine.data.qvel[0] > 1.0
+
+
+def test_the_homing_offset_moves_the_seam_with_the_zero():
+    wire = wired("bench", {"joint": {"zero": 100}}, params={"mass": 0.01})
+    write(wire, "homing_offset", -1948)  # 100 is shown as 2048, and the seam is opposite
+    switch_on(wire)
+    write(wire, "goal_position", 1848)  # 196 steps below the seam of the encoder
+    wait(wire, 0.1)
+    assert wire.rig.machine.data.qvel[0] < -1.0
+    wait(wire, 0.6)
+    assert read(wire, "present_position") == pytest.approx(1848, abs=15)
+
+
+def test_registers_that_somebody_set_win_over_what_the_supply_needs():
+    machine = Machine(get_robot("bench"), "sts3250", None, None)
+    rig = Rig(machine, STS, mounts(machine.names, None, STS), registers={"": {"max_voltage": 90}})
+    assert Rig(machine, STS, mounts(machine.names, None, STS)).servos[0].get("max_voltage") > 120
+    assert rig.servos[0].get("max_voltage") == 90
 
 
 def test_a_servo_mounted_the_other_way_turns_the_other_way():

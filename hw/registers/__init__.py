@@ -109,6 +109,8 @@ class Requirement:
         remedy: what to write, and why.
         value: that it must have; None: any.
         set, clear: bits that must be 1, and 0.
+        above: register whose count it must exceed; None: none.
+        goals: whether it matters for goals only, which a servo that only measures does not get.
     """
 
     register: str
@@ -116,10 +118,19 @@ class Requirement:
     value: int | None = None
     set: int = 0
     clear: int = 0
+    above: str | None = None
+    goals: bool = False
 
-    def met(self, count: int) -> bool:
-        """Whether the register may have this count."""
-        return (self.value is None or count == self.value) and count & self.set == self.set and not count & self.clear
+    def met(self, count: int, other: int | None = None) -> bool:
+        """Whether the register may have this count, beside the count of the register that it must exceed."""
+        fits = self.value is None or count == self.value
+        return fits and count & self.set == self.set and not count & self.clear and (other is None or count > other)
+
+    def mended(self, count: int, model: ServoModel) -> dict[str, int]:
+        """Counts by register with which it is met."""
+        if self.above is not None:
+            return {name: model[name].default for name in (self.above, self.register)}
+        return {self.register: self.value if self.value is not None else (count | self.set) & ~self.clear}
 
 
 @dataclass(frozen=True)
@@ -142,6 +153,8 @@ class ServoModel:
         moves: registers that decide how a servo answers a goal.
         high_id: largest id that it can have.
         sync_read: whether several can be asked in one request.
+        stops_short: steps by which its limits may stop short of a joint's range: some clamp a goal, others ignore it.
+        shifts_seam: whether its homing offset moves the seam of its turn too, and not only its zero.
     """
 
     name: str
@@ -159,6 +172,8 @@ class ServoModel:
     moves: tuple[str, ...]
     high_id: int
     sync_read: bool
+    stops_short: int
+    shifts_seam: bool
 
     @property
     def step(self) -> float:
@@ -184,6 +199,28 @@ class ServoModel:
         if name not in self.registers:
             raise RegisterError(f"the {self.name} has no register '{name}'{nearest(name, self.registers)}.")
         return self.registers[name]
+
+    def centring(self, middle: float, offset: int) -> int | None:
+        """Homing offset that brings the middle of a range to the centre, its ends farthest from the seam.
+
+        Args:
+            middle: of the range, in steps as the servo counts them now; over the seam they go on.
+            offset: homing offset now.
+
+        Returns:
+            Count of the register; None: none moves the seam.
+        """
+        name = self.role("homing_offset")
+        if name is None or not self.shifts_seam:
+            return None
+        half = self.steps // 2
+        shift = (round(middle) + offset - self.centre + half) % self.steps - half  # present = actual - offset
+        return min(max(shift, self[name].low), self[name].high)
+
+    def setting(self, servo: int | str, counts: Mapping[str, int], port: str = "<path>") -> str:
+        """What to type to set registers of a servo."""
+        pairs = ",".join(f"{name}:{count}" for name, count in counts.items())
+        return f"sealegs scan port={port} servo={self.name} id={servo} set={pairs}"
 
     def size(self) -> int:
         """Bytes of the memory table."""
@@ -232,6 +269,8 @@ def load_model(name: str) -> ServoModel:
         moves=tuple(table["moves"]),
         high_id=int(table["high_id"]),
         sync_read=bool(table.get("sync_read", True)),
+        stops_short=int(table.get("stops_short", 0)),
+        shifts_seam=bool(table.get("shifts_seam", False)),
     )
 
 

@@ -27,6 +27,8 @@ KINDS = {
     "restart": "a servo restarts with torque off and is silent for 'value' seconds (0.8)",
     "frozen": "a servo's position sensor stays at what it read last, for its own control too",
     "unsigned": "a servo reports its current without its sign, as some firmware does",
+    "locked": "a servo's lock register stays at 1, so that nothing written to its EEPROM persists",
+    "forgetful": "a servo's lock register can be opened, and yet it keeps nothing without power",
     "limp": "a servo's torque register becomes 0 by itself",
     "overload": "a servo is latched in overload until its torque is switched off",
 }

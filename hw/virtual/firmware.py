@@ -40,6 +40,8 @@ class Firmware:
         target: step that its loop steers to, homing offset included.
         frozen: step at which its position sensor is stuck; None: it is not.
         unsigned: whether it reports its current without its sign.
+        locked: whether its lock register stays at 1.
+        forgetful: whether it keeps nothing that is written from now on, once its power is off.
         latched: whether it is overloaded, until torque is switched off or it restarts.
         refused: the latest request that it could not follow because that is not simulated, in a sentence.
     """
@@ -68,7 +70,7 @@ class Firmware:
         self.forced_temperature: float | None = None
         self.silent_until = 0.0
         self.frozen: int | None = None
-        self.unsigned = self.latched = False
+        self.unsigned = self.latched = self.locked = self.forgetful = False
         self.refused: str | None = None
         self.target = 0.0
         self._history: list[int] = []

@@ -110,10 +110,6 @@ class Rig:
         self.machine, self.mounts = machine, mounted
         self.models = {"": model, **(others or {})}
         self.servos = [self._servo(mount, joint) for joint, mount in enumerate(mounted)]
-        for servo in self.servos:
-            for name, count in (registers or {}).get(servo.bus, {}).items():
-                servo.model[name].encode(count)
-                servo.set_up(name, count)
         self.volts: list[float | None] = [None] * len(mounted)
         self.history: list[tuple[float, int, bool]] = []
         self.since = [0.0] * len(mounted)
@@ -122,6 +118,9 @@ class Rig:
         self.sense()
         for servo in self.servos:
             servo.allow_voltage(servo.sensors.voltage)
+            for name, count in (registers or {}).get(servo.bus, {}).items():
+                servo.model[name].encode(count)
+                servo.set_up(name, count)
             servo.boot(0.0, 0.0)
             servo.target = float(servo.sensors.steps)
         self.apply()

@@ -107,7 +107,8 @@ class Servo(Firmware):
 
     def write(self, start: int, data: bytes, now: float) -> None:
         """Write bytes; those of read-only registers are ignored."""
-        lock = self.memory[self.model["lock"].address]
+        lock_at = self.model["lock"].address
+        lock = self.memory[lock_at]
         enabled = self.get("torque_enable")
         mode = self.model["operating_mode"].address if "operating_mode" in self.model.registers else -1
         for at, byte in enumerate(data, start):
@@ -118,8 +119,10 @@ class Servo(Firmware):
                 )
             elif at in self._writable:
                 self.memory[at] = byte
-                if at < self._first_ram and not lock:
+                if at < self._first_ram and not lock and not self.forgetful:
                     self._stored[at] = byte
+        if self.locked:
+            self.memory[lock_at] = 1
         touched = range(start, start + len(data))
         if self.model["torque_enable"].address in touched:
             self._switch(enabled, now)
@@ -141,7 +144,7 @@ class Servo(Firmware):
             self._released = bool(self.status(now) & self.get("unloading_condition") & RELEASING)
             self.target = float(self.sensors.steps)
             if self._whole_turn and not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
-                self.target %= self.model.steps
+                self.target -= self._turns() * self.model.steps
             self._new_goal()
 
     def _calibrate(self, step: int) -> None:
@@ -214,11 +217,15 @@ class Servo(Firmware):
             self.target += math.copysign(change, left)
 
     def goal_steps(self) -> float:
-        """Step that the joint is steered to, in the turn of the encoder: the loop does not take the short way."""
+        """Step that the joint is steered to, in the turn that it shows: the loop does not take the short way."""
         turns = 0
         if self._whole_turn and not self._multi_turn and self.get("operating_mode") != MODE_VELOCITY:
-            turns = math.floor(self.sensors.steps / self.model.steps)
+            turns = self._turns()
         return self.target + turns * self.model.steps
+
+    def _turns(self) -> int:
+        """Turns from the one that it shows to where it is; assumed, the homing offset shifts their seam."""
+        return math.floor((self.sensors.steps - self.get("homing_offset")) / self.model.steps)
 
     def drive(self, volts: float | None) -> Drive:
         """What the motor may do. The chain describes the servo as it left the factory; registers scale it.

@@ -199,6 +199,8 @@ class Wire:
             self.rig.volts[servo.joint] = low.value if low else None
             servo.freeze(first(self.faults, "frozen", now, servo.id) is not None)
             servo.unsigned = first(self.faults, "unsigned", now, servo.id) is not None
+            servo.locked = first(self.faults, "locked", now, servo.id) is not None
+            servo.forgetful = first(self.faults, "forgetful", now, servo.id) is not None
             for fault in self.faults:
                 if fault.kind in ONCE and fault.active(now) and fault.concerns(servo.id) and servo.id not in fault.done:
                     fault.done.add(servo.id)
