@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ..common.documents import DocumentError, read_yaml
 from .errors import nearest
 from .layout import (
     MAGIC,
@@ -27,7 +28,6 @@ from .layout import (
 from .published import bam_file, bam_stages
 from .stages import OPCODES, ORDER, STAGES, ChainError, Quantity, Stage, build_stage
 from .stages.net import Net
-from .yaml_text import load_yaml
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
@@ -321,14 +321,9 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
 
 def _read(path: Path) -> Any:
     try:
-        return load_yaml(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ChainError(f"cannot read the actuator {path}: {reason}.") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        raise ChainError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
+        return read_yaml(path, f"the actuator {path}")
+    except DocumentError as error:
+        raise ChainError(f"{error}.") from None
 
 
 def _build(document: Any, label: str, path: Path | None) -> Chain:

@@ -30,6 +30,7 @@ from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
+from ..common.documents import read_json
 from .atomic import written
 
 # error_model: a division by zero gives infinity as in C; the check for it would cost a branch at every division
@@ -165,8 +166,8 @@ def _source(path: Path) -> _Source:
     """Parsed once for each version of a file and kept beside the compiled code: parsing takes a third of a second."""
     text = path.read_bytes()
     kept = folder() / f"source-{hashlib.sha256(sys.version.encode() + text).hexdigest()[:16]}.json"
-    with contextlib.suppress(OSError, ValueError, KeyError):
-        found = json.loads(kept.read_text(encoding="utf-8"))
+    with contextlib.suppress(ValueError, KeyError):
+        found = read_json(kept)
         return _Source(found["said"], tuple((level, base, tuple(names)) for level, base, names in found["imports"]))
     parsed = _parsed(text)
     with contextlib.suppress(OSError):

@@ -6,13 +6,13 @@ included; here the viscous part is a torque and the rest a limit, which is the s
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..common.documents import DocumentError, read_json
 from .errors import nearest
 from .stages import ChainError
 
@@ -186,11 +186,9 @@ def bam_stages(path: Path) -> list[dict[str, Any]]:
         ChainError: the file is not there or no such fit, or of an actuator whose drive is not known.
     """
     try:
-        fit = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ChainError(f"cannot read the fit {path}: {error.strerror}.") from None
-    except ValueError:
-        raise ChainError(f"{path} is not JSON; a fit of BAM is, with 'model' and 'actuator'.") from None
+        fit = read_json(path, name=f"the fit {path}")
+    except DocumentError as error:
+        raise ChainError(f"{error}; a fit of BAM is JSON, with 'model' and 'actuator'.") from None
     if not isinstance(fit, Mapping) or fit.get("model") not in MODELS:
         raise ChainError(f"{path} is no fit of BAM: its 'model' must be one of {', '.join(MODELS)}.")
     name = str(fit.get("actuator"))
@@ -222,8 +220,8 @@ def drive_of(source: str) -> Drive | None:
     """
     if path := bam_file(source):
         try:
-            return DRIVES.get(str(json.loads(path.read_text(encoding="utf-8")).get("actuator")))
-        except (OSError, ValueError, AttributeError):  # reading the chain says it
+            return DRIVES.get(str(read_json(path).get("actuator")))
+        except (DocumentError, AttributeError):  # reading the chain says it
             return None
     word, _, model = source.rpartition("_")
     return DRIVES.get(word if model in MODELS else source)

@@ -16,6 +16,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from ..actuators.errors import SealegsError
+from ..common.documents import read_json
 from .algorithms import algorithm
 from .policy_files import save_policy
 from .run_folder import RunFolder
@@ -92,7 +93,7 @@ def _state(step: int, evaluations: Mapping[str, Any]) -> str:
 
 
 def _load(path: Path, agent: Mapping[str, Any], env: VecEnv) -> tuple[BaseAlgorithm, dict[str, Any]]:
-    state = json.loads((path / _STATE).read_text())
+    state = read_json(path / _STATE)
     normalizer = path / "vecnormalize.pkl"
     wrapped = VecNormalize.load(str(normalizer), env) if normalizer.is_file() else env
     model = algorithm(agent["algorithm"]).load(path / "model.zip", env=wrapped)

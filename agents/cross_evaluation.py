@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from ..common.documents import read_json
 from .algorithms import algorithm
 from .make_env import Actuator, make_vec_env
 
@@ -22,7 +22,7 @@ def mean_reward(policy: Path, actuator: Actuator, episodes: int = 16, seed: int 
         episodes: to average over; they start alike for equal seeds, whatever the policy.
         seed: of the episodes.
     """
-    description = json.loads((policy / "policy.json").read_text())
+    description = read_json(policy / "policy.json")
     env: VecEnv = make_vec_env(description["env"], actuator, episodes, seed)
     if (policy / "vecnormalize.pkl").is_file():
         env = VecNormalize.load(str(policy / "vecnormalize.pkl"), env)

@@ -10,7 +10,6 @@ is written node by node, so that it does not depend on the exporter of a torch v
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Mapping
@@ -28,6 +27,7 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.sac.policies import SACPolicy
 
 from ..actuators.errors import SealegsError
+from ..common.documents import read_json
 from ..configs.script import run
 from ..envs.contract import KEY, Contract, ContractError, make_contract
 from .action_pipeline import ActionPipeline
@@ -57,7 +57,7 @@ def export_policy(folder: Path, out: Path | None = None) -> Path:
     """
     out = folder / FILE if out is None else out
     try:
-        description = json.loads((folder / "policy.json").read_text())
+        description = read_json(folder / "policy.json")
         model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
     except (OSError, ValueError, LookupError) as error:
         raise ExportError(unreadable(folder, error)) from error

@@ -14,6 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
 from ..actuators.errors import SealegsError
+from ..common.documents import read_json
 from .algorithms import algorithm
 
 
@@ -66,7 +67,7 @@ def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[
         SealegsError: ``folder`` holds no policy that can be read.
     """
     try:
-        description = json.loads((folder / "policy.json").read_text())
+        description = read_json(folder / "policy.json")
         model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
         seen = description["observation"]
     except (OSError, ValueError, LookupError) as error:
@@ -113,6 +114,6 @@ def policy_reward(folder: Path) -> float:
 
 def _described(folder: Path, key: str) -> Any:
     try:
-        return json.loads((folder / "policy.json").read_text())[key]
+        return read_json(folder / "policy.json")[key]
     except (OSError, ValueError, LookupError, TypeError):
         return None

@@ -25,10 +25,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..actuators.atomic import finish_replacements, folder_written, write_text
 from ..actuators.errors import SealegsError
+from ..common.documents import DocumentError, read_json, read_yaml
 
 try:
     import fcntl
@@ -116,9 +115,9 @@ class RunFolder:
         """
         file = self.path / name
         try:
-            document = yaml.safe_load(file.read_text())
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            raise SealegsError(f"{file}, which the run needs to go on, cannot be read: {error}.") from error
+            document = read_yaml(file)
+        except DocumentError as error:
+            raise SealegsError(f"{file}, which the run needs to go on, {error.problem}.") from error
         if not isinstance(document, dict):
             raise SealegsError(f"{file}, which the run needs to go on, holds no mapping.")
         return document
@@ -160,7 +159,7 @@ class RunFolder:
         if not file.is_file():
             return {"sessions": []}
         try:
-            record = json.loads(file.read_text())
+            record = read_json(file)
             if isinstance(record["sessions"], list):
                 return record
         except (ValueError, LookupError, TypeError):

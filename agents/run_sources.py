@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..actuators.errors import SealegsError
-from ..actuators.yaml_text import load_yaml
+from ..common.documents import read_yaml
 from ..envs.any_robot.user import file_of, is_user_task
 from ..envs.robot_described import RobotFile
 from ..envs.robot_sources import files_read
@@ -54,7 +54,7 @@ def _digests(env_id: str, env: BatchVecEnv) -> dict[str, str]:
 
 def _said(robot: RobotFile) -> str:
     """Digest of what a robot's YAML says to a training: not of servos, nor of chains, which a run has copies of."""
-    document = dict(load_yaml(robot.path.read_text(encoding="utf-8")))
+    document = dict(read_yaml(robot.path))
     document.pop("deploy", None)
     joints = document.get("joints") or {}
     document["joints"] = {name: _of_joint(row or {}) for name, row in joints.items()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import sys
 import threading
 import time
@@ -19,6 +18,7 @@ from stable_baselines3.common.callbacks import CallbackList
 
 from ..actuators.atomic import written
 from ..actuators.errors import SealegsError
+from ..common.documents import read_json
 from ..configs.script import Interrupted
 from ..envs.sb3 import BatchVecEnv
 from ..envs.task import ModulatedTask
@@ -190,7 +190,7 @@ class Session:
 
     def _export(self, folder: Path) -> None:
         """Write ``policy.onnx``, which ``deploy.py`` runs; other kinds of policies are kept all the same."""
-        description = json.loads((folder / "policy.json").read_text())
+        description = read_json(folder / "policy.json")
         try:
             write_onnx(folder / FILE, self.model, description)
         except ExportError as error:

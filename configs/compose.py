@@ -7,7 +7,6 @@ the right key in it.
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ..actuators.errors import SealegsError, closest, nearest
+from ..common.documents import parse_json
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -139,7 +139,7 @@ def _parse(key: str, value: str) -> Any:
     """Value of one argument, read with Hydra's grammar, or as JSON: its keys may be any names and patterns of names."""
     if value.startswith(("{", "[")):
         with contextlib.suppress(ValueError):
-            return json.loads(value)
+            return parse_json(value)
     try:
         parsed: Override = OverridesParser.create().parse_override(f"{key}={value}")
         if parsed.is_sweep_override():

@@ -15,6 +15,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError
+from ..common.documents import parse_json
 from . import registered_id
 from .arguments import task_arguments
 from .base import BaseLayout
@@ -106,7 +107,7 @@ class Contract:
             ContractError: it is damaged, or of another version.
         """
         try:
-            document = json.loads(text)
+            document = parse_json(text, "it")
             if document["version"] != VERSION:
                 raise ContractError(
                     f"{where}: its contract has version {document['version']}, and this program reads version "

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError, nearest
+from ..common.documents import DocumentError, read_yaml
 from .contract import task_of
 from .robot import Robot
 from .robot_file import is_robot_file
@@ -279,12 +278,9 @@ def read_extended(path: str | Path) -> Extended:
     path = Path(path)
     folder = path.parent if path.suffix in (".yaml", ".yml") else path
     try:
-        document = yaml.safe_load((folder / FILE).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ExtensionError(_missing(path, folder)) from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or "it is damaged; diagnose again"
-        raise ExtensionError(f"{folder / FILE} cannot be read: {reason}.") from None
+        document = read_yaml(folder / FILE)
+    except DocumentError as error:
+        raise ExtensionError(_missing(path, folder) if error.missing else f"{error}; diagnose again.") from None
     extended = Extended.from_dict(document, str(folder))
     if is_robot_file(extended.robot):  # named as it lies beside the folder
         extended = replace(extended, robot=str((folder / extended.robot).resolve()))

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from ..common.documents import XML_SIZE, DocumentError, read_bytes, without_comments
 from .urdf_text import urdf_root
 
 ELEMENT = re.compile(r" Element name '([^']*)'(?:, id \d+)?(?:, line \d+)?.*$")
@@ -17,7 +18,6 @@ MACRO = re.compile(r"<xacro:[^>]*>|\$\((?:arg|dirname|env|eval|find|optenv)\b[^)
 """What xacro would have replaced: its elements, and what it reckons within attributes."""
 NAMED = 6  # other links at most, of those with the same fault
 AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
-COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def line_of(error: Exception) -> str:
@@ -27,8 +27,9 @@ def line_of(error: Exception) -> str:
 
 def unreadable(path: Path, error: Exception) -> str:
     """A sentence for a model that cannot be read; a URDF's line is that of the file, not of the mended text."""
+    refused = isinstance(error, DocumentError)
     sentence = line_of(error)
-    if path.suffix.lower() == ".urdf" and isinstance(error, ValueError):
+    if path.suffix.lower() == ".urdf" and not refused:
         sentence = LINE.sub("", sentence)
         try:
             mujoco.MjSpec.from_file(str(path))
@@ -37,17 +38,19 @@ def unreadable(path: Path, error: Exception) -> str:
                 sentence = line_of(other)
     if "'mujocoinclude'" in sentence:
         return f"{path} is a part that other files include; give the file with <mujoco> that includes it."
-    if path.suffix.lower() == ".urdf" and isinstance(error, ValueError) and (macro := xacro_left(path)):
+    if path.suffix.lower() == ".urdf" and not refused and (macro := xacro_left(path)):
         return (
             f"{path} cannot be read as a model: {sentence}. It holds {macro}, which is for xacro to replace; expand "
             f"it: xacro {path.name} > robot.urdf."
         )
+    if refused:
+        return f"{sentence}."
     return f"{path} cannot be read as a model: {sentence}."
 
 
 def xacro_left(path: Path) -> str:
     """The first thing in a URDF that xacro should have replaced, in one line; empty where there is none."""
-    found = MACRO.search(COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace")))
+    found = MACRO.search(without_comments(read_bytes(path, XML_SIZE)).decode("utf-8", "replace"))
     return "" if found is None else " ".join(found.group(0).split())
 
 

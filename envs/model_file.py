@@ -17,11 +17,11 @@ from .model_drives import ModelDrive, both_ways, read_drives
 from .model_errors import uncompiled
 from .model_poses import Pose, home_pose, standing
 from .model_reading import read_specs
+from .model_sources import SUFFIXES
 from .model_ties import carried_along, free_ways
 from .model_transmissions import reductions
 from .robot import RobotError
 
-SUFFIXES = (".xml", ".mjcf", ".urdf")
 UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}
 """Units of position and of force, by kind of joint."""
 

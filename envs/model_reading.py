@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import mujoco
@@ -11,6 +10,7 @@ import mujoco
 from .model_errors import unreadable
 from .model_mass import told_guessed_masses, with_total_mass
 from .model_meshes import without_meshes_that_fail
+from .model_sources import check_files
 from .robot import RobotError
 from .urdf_text import mended_urdf
 
@@ -22,12 +22,13 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
     said: list[str] = []
     missing: list[str] = []
     try:
+        check_files(path)
         if path.suffix.lower() == ".urdf":
             full = mujoco.MjSpec.from_string(mended_urdf(path, said, missing))
             full.modelfiledir = str(path.parent)
         else:
             full = mujoco.MjSpec.from_file(str(path))
-    except (ValueError, OSError, ElementTree.ParseError) as error:
+    except ValueError as error:
         raise RobotError(unreadable(path, error)) from None
     full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
     without_meshes_that_fail(full, path, missing, said)

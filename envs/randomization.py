@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from mujoco.batch import Batch
 
 from ..actuators import Chain, Drivetrain
 from ..actuators.errors import SealegsError, nearest
 from ..actuators.layout import P_STATE_SIZE
-from ..actuators.yaml_text import load_yaml
+from ..common.documents import DocumentError, read_yaml
 from .scene import FLOOR
 
 
@@ -144,12 +143,9 @@ def read_randomization(source: Source) -> Mapping[str, Any]:
     if isinstance(source, Mapping):
         return source
     try:
-        document = load_yaml(Path(source).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RandomizationError(f"cannot read the randomisation {source}: {reason}.") from None
-    except yaml.YAMLError as error:
-        raise RandomizationError(f"{source} is not valid YAML: {getattr(error, 'problem', error)}.") from None
+        document = read_yaml(source, f"the randomisation {source}")
+    except DocumentError as error:
+        raise RandomizationError(f"{error}.") from None
     if not isinstance(document, Mapping):
         raise RandomizationError(f"{source}: a randomisation is a mapping such as 'floor: {{friction: [0.6, 1.0]}}'.")
     return document

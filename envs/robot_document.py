@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from ..actuators.yaml_text import TwiceError, load_yaml
+from ..common.documents import DocumentError, read_yaml
 from .robot import RobotError
 
 
@@ -18,14 +16,8 @@ def read_document(path: Path) -> Any:
         RobotError: it is missing, cannot be read, or has a key twice.
     """
     try:
-        return load_yaml(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RobotError(f"there is no robot file {path}; sealegs new-robot <model> writes one.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    except TwiceError as error:
-        raise RobotError(f"{path}: {error.problem}.") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        raise RobotError(f"{path} is not valid YAML{where}: {getattr(error, 'problem', error)}.") from None
+        return read_yaml(path)
+    except DocumentError as error:
+        if error.missing:
+            raise RobotError(f"there is no robot file {path}; sealegs new-robot <model> writes one.") from None
+        raise RobotError(f"{error}.") from None

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..actuators.published import PREFIX
-from .model_file import SUFFIXES
+from ..common.documents import DocumentError, read_yaml
+from .model_sources import SUFFIXES, named_files
 from .robot_entries import YAML_SUFFIXES
-from .urdf_text import mesh_folder, urdf_mesh, urdf_root
 
 ENDINGS = (*YAML_SUFFIXES, *SUFFIXES, ".json", ".npz")
 """Of what a YAML names: chains, models, fits that others published, actuator nets."""
-FOLDERS = ("meshdir", "texturedir", "assetdir")
-"""Where a model says that its files are, from its own folder."""
 
 
 def files_read(words: Iterable[str]) -> tuple[Path, ...]:
@@ -61,35 +56,14 @@ def _named(document: Any, folder: Path) -> Iterator[Path]:
 
 def _of_yaml(path: Path) -> Iterator[Path]:
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):  # reading the robot says it
+        document = read_yaml(path)
+    except DocumentError:  # reading the robot says it
         return
     yield from _named(document, path.parent)
 
 
 def _of_model(path: Path) -> Iterator[Path]:
-    """Includes, meshes, textures and all else that a model names, where MuJoCo may look for it."""
-    roots = list(_roots(path, path.parent, set()))
-    compilers = [item for root in roots for item in root.iter("compiler")]
-    folders = {"", *(item.get(key, "") for item in compilers for key in FOLDERS)}
-    for root in roots:
-        for item in root.iter():
-            for key, name in item.attrib.items():
-                if key == "filename":
-                    yield urdf_mesh(path, name, mesh_folder(root))
-                elif key.startswith("file") and name:
-                    yield from (path.parent / folder / one for folder in folders for one in (name, Path(name).name))
-
-
-def _roots(path: Path, folder: Path, seen: set[Path]) -> Iterator[ElementTree.Element]:
-    """The root of a model, and those of what it includes."""
-    if path in seen:
-        return
-    seen.add(path)
     try:
-        root = urdf_root(path) if path.suffix.lower() == ".urdf" else ElementTree.parse(path).getroot()
-    except (OSError, ValueError, ElementTree.ParseError):  # reading the robot says it
+        yield from named_files(path)
+    except DocumentError:  # reading the robot says it
         return
-    yield root
-    for item in root.iter("include"):
-        yield from _roots(folder / item.get("file", ""), folder, seen)

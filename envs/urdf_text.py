@@ -1,22 +1,17 @@
-"""Reads the XML of a URDF as MuJoCo does, which passes over what a strict parser refuses, and mends its dialects.
+"""Reads the XML of a URDF as MuJoCo does, and mends its dialects.
 
-Passed over are what stands before the declaration, zero bytes at the end, prefixes that nothing declares, and what
-belongs to other programs by such a prefix. Mended are a parent ``world`` that no link declares, a floating joint on a
-root link of another name, and paths of meshes.
+Passed over is what belongs to other programs by a prefix. Mended are a parent ``world`` that no link declares, a
+floating joint on a root link of another name, and paths of meshes.
 """
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
-from xml.parsers.expat import ErrorString, errors
 
+from ..common.documents import XML_SIZE, read_bytes, read_xml, without_comments
 from .urdf_static import without_static_inertias
 
-UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
-PREFIXED = re.compile(rb"[\s</]([A-Za-z_][\w.-]*):[A-Za-z_]")
-ROOT = re.compile(rb"<robot(?=[\s>])([^>]*)")
 FOLDERS = ("meshdir", "assetdir")
 """Where the compiler element of a URDF says that meshes are, from the URDF's own folder."""
 GROUND = "world"
@@ -26,39 +21,16 @@ def urdf_root(path: Path) -> ElementTree.Element:
     """The root of a URDF, without what belongs to other programs by a prefix.
 
     Raises:
-        OSError: it cannot be opened.
-        xml.etree.ElementTree.ParseError: it is no XML.
+        DocumentError: it cannot be opened, or is no XML.
     """
-    whole = data = path.read_bytes()
-    if data[:2] not in (b"\xff\xfe", b"\xfe\xff"):  # of UTF-16, whose letters hold zero bytes
-        data = data.removeprefix(b"\xef\xbb\xbf").strip(b"\0 \t\r\n")
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError as error:
-        if error.code != UNBOUND:
-            line, column = error.position
-            line += whole.partition(data)[0].count(b"\n")
-            raise ElementTree.ParseError(f"{ErrorString(error.code)}: line {line}, column {column}") from None
-        root = ElementTree.fromstring(_with_prefixes(data))
+    root = read_xml(path)
     _without_namespaces(root)
     return root
 
 
 def has_macros(path: Path) -> bool:
     """Whether xacro should have expanded elements of a URDF."""
-    return re.search(rb"<xacro:", re.sub(rb"<!--.*?-->", b"", path.read_bytes(), flags=re.DOTALL)) is not None
-
-
-def _with_prefixes(data: bytes) -> bytes:
-    """The same with every prefix declared."""
-    found = ROOT.search(data)
-    if found is None:
-        return data
-    declared = found.group(1)
-    names = dict.fromkeys(PREFIXED.findall(data))
-    new = [name for name in names if name not in (b"xml", b"xmlns") and b"xmlns:" + name not in declared]
-    more = b"".join(b' xmlns:%s="urn:%s"' % (name, name) for name in new)
-    return data[: found.start(1)] + more + data[found.start(1) :]
+    return b"<xacro:" in without_comments(read_bytes(path, XML_SIZE))
 
 
 def _without_namespaces(root: ElementTree.Element) -> None:
@@ -81,8 +53,7 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
         missing: where meshes that are not there are added: MuJoCo passes over those that are only looked at.
 
     Raises:
-        OSError: it cannot be opened.
-        xml.etree.ElementTree.ParseError: it is no XML.
+        DocumentError: it cannot be opened, or is no XML.
     """
     root = urdf_root(path)
     if has_macros(path):

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-
 from ..actuators.errors import SealegsError
-from ..actuators.yaml_text import load_yaml
+from ..common.documents import DocumentError, read_yaml
 from ..configs.check import Natural, Positive, checked, checked_fields
 from ..envs.robot import Robot
 from .joints import MAIN, CalibrationError, Joint, Line, line_of
@@ -51,7 +49,7 @@ def read_joints(path: Path, robot: Robot, servo: ServoModel, lines: Sequence[Lin
         CalibrationError: the file cannot be read, is of another robot or of other servos, or a row is wrong.
     """
     try:
-        document = load_yaml(path.read_text(encoding="utf-8"))
+        document = read_yaml(path, "it")
         file = checked_fields("", document, _File)
         if file.robot != robot.name:
             raise CalibrationError(f"{path} is the calibration of robot '{file.robot}', not of '{robot.name}'.")
@@ -59,9 +57,9 @@ def read_joints(path: Path, robot: Robot, servo: ServoModel, lines: Sequence[Lin
         joints = [_joint(str(name), row, line_of(str(name), lines)) for name, row in rows.items()]
     except CalibrationError:
         raise
-    except OSError as error:
-        raise CalibrationError(f"the calibration {path} cannot be read: {error.strerror}.") from None
-    except (yaml.YAMLError, UnicodeDecodeError, SealegsError) as error:
+    except DocumentError as error:
+        raise CalibrationError(f"the calibration {path} {error.problem}; correct it, or calibrate again.") from None
+    except SealegsError as error:
         why = " ".join(str(error).split()).rstrip(".")
         raise CalibrationError(f"{path} is no calibration ({why}); correct it, or calibrate again.") from None
     for joint, row in zip(joints, rows.values(), strict=True):

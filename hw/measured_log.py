@@ -22,6 +22,7 @@ import numpy as np
 
 from ..actuators.atomic import write_text
 from ..actuators.errors import SealegsError
+from ..common.documents import DocumentError, parse_json
 from ..configs.script import run
 from ..gap.log.sidecar import Sidecar, read_sidecar, sidecar_text
 from ..gap.log.types import LogError
@@ -194,8 +195,8 @@ def read_events(log: Path) -> list[dict[str, Any]]:
     """Events of a log, a torn last line left out."""
     found = []
     for line in log.with_name(f"{log.stem}.events.jsonl").read_text().splitlines():
-        with contextlib.suppress(ValueError):
-            found.append(json.loads(line))
+        with contextlib.suppress(DocumentError):
+            found.append(parse_json(line))
     return found
 
 

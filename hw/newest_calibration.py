@@ -10,8 +10,7 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from ..common.documents import DocumentError, read_yaml
 from .joints import CalibrationError
 
 FOLDER = Path("calibrations")
@@ -68,14 +67,14 @@ def _whose_and_when(path: Path) -> tuple[str, datetime | None]:
         CalibrationError: it cannot be read.
     """
     try:
-        document: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document: Any = read_yaml(path)
         if not isinstance(document, dict) or not isinstance(document.get("robot"), str):
             raise ValueError("it does not say whose it is, as robot: <name>")
         said = document.get("date")
         return document["robot"], _stamp(path) if said is None else _time(said)
-    except OSError as error:
-        raise CalibrationError(f"the calibration {path} cannot be read: {error.strerror}; {REMEDY}") from None
-    except (yaml.YAMLError, ValueError, OverflowError) as error:  # a text that is none is a ValueError too
+    except DocumentError as error:
+        raise CalibrationError(f"the calibration {path} {error.problem}; {REMEDY}") from None
+    except (ValueError, OverflowError) as error:
         raise CalibrationError(f"{path} is no calibration ({' '.join(str(error).split())}); {REMEDY}") from None
 
 

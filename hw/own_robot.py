@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..actuators.errors import SealegsError, nearest
+from ..common.documents import read_yaml
 from ..configs.check import checked
 from ..configs.compose import FOLDER
 from ..envs.robot import RobotError
@@ -28,7 +27,7 @@ def own_robot(word: str) -> dict[str, Any]:
     robot = get_robot(path)
     if robot.file is None:
         raise RobotError(f"robot={word} is no file of a robot.")
-    config = {**yaml.safe_load((FOLDER / "robot" / f"{DEFAULTS}.yaml").read_text())}
+    config = {**read_yaml(FOLDER / "robot" / f"{DEFAULTS}.yaml")}
     config |= {"sensors": {}, "gears": {}, "registers": {}}
     given = robot.file.deploy
     known = [key for key in config if key not in ("name", "params", "actuator")]

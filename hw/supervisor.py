@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
+from ..common.documents import parse_json
 from .bus import ServoBus
 from .dialects import dialect_of
 from .interface import Bus, Failing
@@ -87,7 +88,7 @@ class Charge:
     @classmethod
     def read(cls, text: bytes) -> Charge:
         """The charge that :meth:`written` wrote."""
-        row = json.loads(text)
+        row = parse_json(text)
         return cls(**{**row, "bearable": row["bearable"] and Bearable(**row["bearable"])})
 
     def written(self) -> bytes:

@@ -115,7 +115,7 @@ def test_a_typing_error_in_a_file_is_named_with_its_line(tmp_path):
     path = tmp_path / "chain.yaml"
     path.write_text("- delay: {seconds: 0.005}\n- position_p: {gain: 5.0\n")
     assert re.search(r"chain\.yaml is not valid YAML in line \d", refusal(path))
-    assert "cannot read" in refusal(tmp_path / "missing.yaml")
+    assert "cannot be read" in refusal(tmp_path / "missing.yaml")
 
 
 def test_yaml_numbers_that_yaml_itself_takes_for_text_are_numbers(tmp_path):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.actuators.errors import SealegsError
-from sealegs.actuators.yaml_text import load_yaml
+from sealegs.common.documents import parse_yaml
 from sealegs.envs.randomization import read_randomization
 from sealegs.gap.log.importers.mapping import read_mapping
 from sealegs.gap.log.sidecar import read_sidecar
@@ -47,4 +47,4 @@ def test_it_is_refused_with_the_lines(read: Callable[[Path], Any], text: str, ke
 
 def test_what_several_places_share_may_be_merged_and_overridden() -> None:
     text = "a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: [*a, *b], x: 4}\n"
-    assert load_yaml(text) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}, "c": {"x": 4, "y": 2}}
+    assert parse_yaml(text) == {"a": {"x": 1, "y": 2}, "b": {"x": 1, "y": 3}, "c": {"x": 4, "y": 2}}

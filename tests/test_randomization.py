@@ -118,7 +118,7 @@ def test_a_floor_that_the_model_lacks_cannot_vary() -> None:
         ({"mass": {"all": [-1, -0.5]}}, "mass.all begins at -1; a body has mass: give factors above 0"),
         ({"mass": {"base": {"times": [0, 1]}}}, "mass.base begins at 0; a body has mass"),
         ({"mass": {"base": [0.5, float("nan")]}}, "must be a range"),
-        ("nowhere.yaml", "cannot read the randomisation nowhere.yaml"),
+        ("nowhere.yaml", "the randomisation nowhere.yaml cannot be read"),
     ],
 )
 def test_a_wrong_randomisation_is_answered_in_one_sentence(source: object, sentence: str) -> None:

@@ -308,7 +308,7 @@ def test_the_files_of_a_robot_are_all_that_its_model_reads(tmp_path: Path) -> No
     write(tmp_path, "arm.yaml", "model: arm.xml\njoints: {elbow: {chain: chains/mine.yaml}, wrist: {chain: sts3215}}\n")
     write(tmp_path, "chains/mine.yaml", "- net: {file: mine.npz}\n")
     parts = '<mujocoinclude><compiler meshdir="meshes"/><asset><mesh file="{}.stl"/></asset></mujocoinclude>'
-    write(tmp_path, "arm.xml", '<mujoco><include file="parts.xml"/><include file="arm.xml"/></mujoco>')
+    write(tmp_path, "arm.xml", '<mujoco><include file="parts.xml"/></mujoco>')
     write(tmp_path, "parts.xml", parts.format("link"))
     write(tmp_path, "lift/lift.urdf", URDF)
     files = ("chains/mine.npz", "meshes/link.stl", "lift/meshes/part.stl", "meshes/other.stl")

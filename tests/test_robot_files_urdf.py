@@ -139,7 +139,7 @@ def test_a_line_of_a_urdf_is_that_of_the_file(tmp_path: Path) -> None:
 def test_a_line_of_a_urdf_that_is_no_xml_is_that_of_the_file(tmp_path: Path) -> None:
     path = urdf(tmp_path)
     path.write_text(f'\n\n<?xml version="1.0"?>\n{path.read_text().replace("</joint>", "</link>")}')
-    with pytest.raises(RobotError, match=r"mismatched tag: line 7, column"):
+    with pytest.raises(RobotError, match=r"is not valid XML in line 7: mismatched tag"):
         read_model(path)
 
 

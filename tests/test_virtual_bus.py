@@ -157,7 +157,7 @@ def test_hidden_effects_change_what_is_driven_and_nothing_else(tmp_path: Path):
         ("robot.mas: 0.1", "did you mean 'mass'"),
         ("jiont: {delay.seconds: 0.1}", "did you mean 'joint'"),
         ("3", "neither a chain nor changes"),
-        ("[:", "cannot be read"),
+        ("[:", "is not valid YAML in line 1"),
     ],
 )
 def test_a_wrong_file_of_hidden_effects_is_refused_in_a_sentence(tmp_path: Path, text, words):

@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import functools
 import itertools
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from ...common.documents import DocumentError, load_arrays
 from ..compiled import compiled
 from ..layout import S_GOAL, S_OUT_OF_RANGE, S_READING, S_SPEED
 from .base import ChainError, Law, Quantity, Stage, parameter, register
 
+SIZE = 2**28  # [B] of a net at most
 FORMAT = "sealegs actuator net 1"
 REQUIRED = (
     "format",
@@ -43,10 +43,11 @@ def read_net(path: Path, modified: float) -> dict[str, np.ndarray]:
     """
     del modified
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            net = {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ChainError(f"{path} is not a readable actuator net ({error}); train one with train_net.py.") from None
+        net = {key: value for key, value in load_arrays(path, SIZE).items() if value is not None}
+    except DocumentError as error:
+        raise ChainError(
+            f"{path} is not a readable actuator net: it {error.problem}; train one with train_net.py."
+        ) from None
     missing = [key for key in REQUIRED if key not in net]
     if missing or str(net["format"]) != FORMAT:
         raise ChainError(f"{path} is not an actuator net of the format '{FORMAT}'; train one with train_net.py.")

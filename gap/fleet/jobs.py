@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...actuators.atomic import folder_written, staged_folder
 from ...actuators.errors import SealegsError
+from ...common.documents import read_json
 from ..log.progress import Progress
 from ..log.table import ENDINGS
 from ..log.types import LogError
@@ -82,13 +83,13 @@ def finished(job: Job) -> Outcome | None:
         if job.out.exists():
             raise SealegsError(f"{job.out} is there without a diagnosis; move it away, or give another out=<folder>.")
         return None
-    before = json.loads((job.out / SOURCE).read_text()) if (job.out / SOURCE).is_file() else None
+    before = read_json(job.out / SOURCE) if (job.out / SOURCE).is_file() else None
     if before != source(job):
         raise SealegsError(
             f"{job.log}, its robot or its settings are not what {job.out} was made from, and that is not overwritten; "
             "give another out=<folder>."
         )
-    return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()), kept=True)
+    return Outcome(job.name, read_json(job.out / "diagnosis.json"), kept=True)
 
 
 def source(job: Job) -> dict[str, Any]:
@@ -167,7 +168,7 @@ def run_job(job: Job, progress: Progress = lambda text: None, joints: int = 1, f
                 (staged / FOLDER / FITS).write_bytes(fits)
             diagnose_folder(job.log, staged, progress, workers=joints, **job.settings)
             (staged / SOURCE).write_text(json.dumps(source(job), indent=1) + "\n", encoding="utf-8")
-        return Outcome(job.name, json.loads((job.out / "diagnosis.json").read_text()))
+        return Outcome(job.name, read_json(job.out / "diagnosis.json"))
     except SealegsError as error:
         return Outcome(job.name, error=str(error))
     except OSError as error:

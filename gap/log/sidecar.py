@@ -13,7 +13,7 @@ import yaml
 
 from ...actuators.errors import nearest
 from ...actuators.published import PREFIX
-from ...actuators.yaml_text import load_yaml
+from ...common.documents import DocumentError, read_yaml
 from ...envs.robot_file import is_robot_file
 from ...envs.robot_sources import files_read
 from .types import LogError
@@ -132,15 +132,9 @@ def sidecar_text(sidecar: Sidecar) -> str:
 
 def _load_mapping(path: Path) -> dict[str, Any]:
     try:
-        content = load_yaml(path.read_text(encoding="utf-8"))
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f" at line {mark.line + 1}" if mark else ""
-        raise LogError(f"{path}: is not valid YAML{where}: {error.problem or error.context}; correct it") from None
-    except (yaml.YAMLError, UnicodeDecodeError):
-        raise LogError(f"{path}: is not a YAML text file; write it as plain UTF-8 text") from None
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+        content = read_yaml(path)
+    except DocumentError as error:
+        raise LogError(f"{path}: {error.problem}; correct it") from None
     if not isinstance(content, dict):
         raise LogError(f"{path}: must be a mapping with the keys robot, robot_params and actuators")
     return content

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import yaml
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
 from ...actuators.atomic import flush, write_text, written
+from ...common.documents import DocumentError, parse_yaml, read_yaml
 from .sidecar import Sidecar, sidecar_text
 from .types import Array, LogError, MeasuredRun
 
@@ -55,7 +55,7 @@ def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv", own: st
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        content = None if own is None else yaml.safe_load(own)
+        content = None if own is None else parse_yaml(own)
         if there := in_the_way(run, folder, content):
             raise _taken(there)
         with contextlib.ExitStack() as undone:
@@ -94,8 +94,8 @@ def _files(folder: Path, name: str) -> list[Path]:
 def _said(sidecar: Path) -> Any:
     """What a sidecar says; None where it cannot be read."""
     try:
-        return yaml.safe_load(sidecar.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        return read_yaml(sidecar)
+    except DocumentError:
         return None
 
 

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from ...actuators.errors import SealegsError
+from ...common.documents import DocumentError, read_json
 from ..experiment import DetectionLimit, Experiment, read_goals
 from ..log.finding import Finding
 from ..search.structure import Structure
@@ -176,11 +177,9 @@ def read_document(folder: Path) -> dict[str, Any]:
     """
     path = folder / FILE
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SealegsError(f"{folder} holds no diagnosis: {path.name} cannot be read ({error.strerror}).") from None
-    except ValueError:
-        document = None
+        document = read_json(path)
+    except DocumentError as error:
+        raise SealegsError(f"{folder} holds no diagnosis: {path.name} {error.problem}; diagnose again.") from None
     if not isinstance(document, dict) or document.get("version") != VERSION:
         raise SealegsError(f"{path} is no diagnosis of this version of sealegs, or it is damaged; diagnose again.")
     return document
@@ -191,7 +190,7 @@ def sentences_of(written: Mapping[str, Path]) -> list[str]:
     path = written.get("json")
     if path is None or not path.is_file():
         return []
-    found = json.loads(path.read_text(encoding="utf-8")).get("whole_robot") or {}
+    found = read_json(path).get("whole_robot") or {}
     return [found[key] for key in ("left", "harm") if key in found]
 
 

@@ -21,6 +21,7 @@ from typing import Any
 from ... import actuators, envs
 from ...actuators.atomic import locked, write_text
 from ...actuators.errors import SealegsError
+from ...common.documents import DocumentError, read_json
 from ..log.progress import Milestone, Progress
 from ..log.reader import files_named_by
 from ..log.sidecar import FOLDER_DEFAULTS, Sidecar, files_named
@@ -208,8 +209,8 @@ def unfinished(folders: Iterator[Path], source: Mapping[str, Any]) -> Path | Non
 def _read(folder: Path) -> dict[str, Any] | None:
     """What an earlier session said; None where there was none, or it died before it said anything."""
     try:
-        document = json.loads((folder / TOLD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        document = read_json(folder / TOLD)
+    except DocumentError:
         return None
     return document if isinstance(document, dict) and "source" in document else None
 

@@ -22,6 +22,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ...common.documents import parse_json
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 
@@ -44,7 +45,7 @@ class Journal:
         kept = b""
         for line in path.read_bytes().splitlines(keepends=True) if path.exists() else []:
             try:
-                row = json.loads(line)
+                row = parse_json(line)
                 self._known[row["key"]] = row
             except (ValueError, LookupError, TypeError):
                 break

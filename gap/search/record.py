@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...actuators.atomic import write_text
+from ...common.documents import read_json
 
 DIGITS = 9
 
@@ -147,7 +148,7 @@ def save(record: SearchRecord, path: Path) -> None:
 
 def load(path: Path) -> SearchRecord:
     """Read a record."""
-    return from_dict(json.loads(path.read_text(encoding="utf-8")))
+    return from_dict(read_json(path))
 
 
 def _round(record: RoundRecord) -> dict[str, Any]:

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-
 from ...actuators.errors import nearest
+from ...common.documents import read_yaml
 from ..packets import RegisterError
 
 FOLDER = Path(__file__).resolve().parent
@@ -244,9 +243,9 @@ def load_model(name: str) -> ServoModel:
             f"there is no register table for the servo model '{name}'{nearest(name, model_names())}; "
             f"there are {', '.join(model_names())}, and another one is a file in hw/registers."
         )
-    table: dict[str, Any] = yaml.safe_load((FOLDER / f"{name}.yaml").read_text())
+    table: dict[str, Any] = read_yaml(FOLDER / f"{name}.yaml")
     if "like" in table:
-        base = yaml.safe_load((FOLDER / f"{table['like']}.yaml").read_text())
+        base = read_yaml(FOLDER / f"{table['like']}.yaml")
         changed = {**base["registers"], **table.pop("registers", {})}
         table = {**base, **table, "registers": {key: row for key, row in changed.items() if row is not None}}
     order = table.get("byte_order", "little")

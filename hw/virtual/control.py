@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators.errors import SealegsError
+from ...common.documents import parse_json
 
 Handler = Callable[[dict[str, Any]], dict[str, Any]]
 
@@ -58,7 +59,7 @@ class ControlSocket:
 
 def _answer(line: bytes, handle: Handler) -> dict[str, Any]:
     try:
-        order = json.loads(line)
+        order = parse_json(line, "the order")
         return handle(order) if isinstance(order, dict) else {"error": "an order is a mapping with its name as 'do'."}
     except (ValueError, TypeError) as error:  # a SealegsError is a ValueError
         return {"error": str(error)}
@@ -94,7 +95,7 @@ class Control:
             line = b""
         if not line:
             raise SealegsError("the virtual bus has ended; start it again.")
-        answer = json.loads(line)
+        answer = parse_json(line)
         if "error" in answer:
             raise SealegsError(answer["error"])
         return answer

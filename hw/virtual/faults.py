@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ...actuators.errors import SealegsError, nearest
-from ...actuators.yaml_text import load_yaml
+from ...common.documents import DocumentError, read_yaml
 
 KINDS = {
     "drop": "replies are lost",
@@ -128,11 +126,9 @@ def read_faults(path: str | Path) -> list[Fault]:
         FaultError: the file cannot be read or holds something else.
     """
     try:
-        rows = load_yaml(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FaultError(f"the fault file {path} cannot be read: {error.strerror}.") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FaultError(f"the fault file {path} cannot be read: {' '.join(str(error).split())}.") from None
+        rows = read_yaml(path, f"the fault file {path}")
+    except DocumentError as error:
+        raise FaultError(f"{error}.") from None
     if not isinstance(rows, list):
         raise FaultError(f"the fault file {path} must hold a list of faults such as '- {{kind: drop, at: 2.0}}'.")
     return [fault_from(row) for row in rows]

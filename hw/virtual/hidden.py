@@ -11,15 +11,12 @@ The file is YAML, in one of three forms:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
-
-import yaml
 
 from ...actuators import Chain, load_chain
 from ...actuators.errors import SealegsError, nearest
 from ...actuators.stages import build_stage
-from ...actuators.yaml_text import load_yaml
+from ...common.documents import DocumentError, read_yaml
 from ...envs.robot import Robot
 
 
@@ -41,13 +38,9 @@ def hide(
     if path is None:
         return believed, params
     try:
-        content = load_yaml(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SealegsError(f"the file of hidden effects {path} cannot be read: {error.strerror}.") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise SealegsError(
-            f"the file of hidden effects {path} cannot be read: {' '.join(str(error).split())}."
-        ) from None
+        content = read_yaml(path, f"the file of hidden effects {path}")
+    except DocumentError as error:
+        raise SealegsError(f"{error}.") from None
     if isinstance(content, list):
         return {name: load_chain(path) for name in believed}, params
     if not isinstance(content, dict):

@@ -11,13 +11,13 @@ tried on the extended one.
 from __future__ import annotations
 
 import datetime
-import json
 import shlex
 import time
 from pathlib import Path
 
 import numpy as np
 from sealegs.actuators.errors import SealegsError
+from sealegs.common.documents import read_json
 
 SERVO = "sv1270tg"
 # What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.
@@ -94,7 +94,7 @@ def diagnose(log: Path, out: Path, seed: int) -> Path | None:
 
 def found(file: Path) -> str:
     """Causes that a diagnosis names, with their parameters."""
-    diagnosis = json.loads(file.read_text())
+    diagnosis = read_json(file)
     causes = [
         ", ".join([cause["name"], *(f"{path} = {number['value']:.4g}" for path, number in cause["parameters"].items())])
         for cause in diagnosis["causes"]

@@ -21,6 +21,7 @@ from typing import Any
 import yaml
 from sealegs.actuators.atomic import write_text
 from sealegs.actuators.errors import SealegsError, nearest
+from sealegs.common.documents import read_json, read_yaml
 from sealegs.configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
@@ -274,7 +275,7 @@ def keep(file: Path, config: Mapping[str, Any]) -> None:
     if not file.exists():
         write_text(file, yaml.safe_dump(dict(config), sort_keys=False))
         return
-    kept = yaml.safe_load(file.read_text())
+    kept = read_yaml(file)
     if not isinstance(kept, dict):
         raise SealegsError(f"{file}, by which the loop goes on, is damaged; give another out=<folder>.")
     for key, value in config.items():
@@ -289,7 +290,7 @@ def tell(out: Path, folders: Mapping[str, Path]) -> None:
     from sealegs.hw.comparison_figures import told_error
     from sealegs.hw.comparison_picture import draw_gap
 
-    documents = {name: json.loads((folder / "comparison.json").read_text()) for name, folder in folders.items()}
+    documents = {name: read_json(folder / "comparison.json") for name, folder in folders.items()}
     heading("What came of it")
     for name, document in documents.items():
         figures = document["figures"]
@@ -311,7 +312,7 @@ def nothing_found(out: Path) -> str:
     from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
 
     files = sorted(out.glob("diagnosis*/diagnosis.json"))
-    found = json.loads(files[-1].read_text()) if files else {"joints": []}
+    found = read_json(files[-1]) if files else {"joints": []}
     open_ones = [item for item in found.get("joints", [found]) if item["verdict"] in (NOT_IDENTIFIABLE, UNUSABLE)]
     if not open_ones:
         return "The diagnosis found nothing to extend the model by."

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ....actuators.errors import nearest
-from ....actuators.yaml_text import TwiceError, load_yaml
+from ....common.documents import DocumentError, read_yaml
 from ..reader import build_run
 from ..sidecar import Sidecar, checked_kinds, checked_parts
 from ..table import check_columns
@@ -70,19 +69,14 @@ def read_mapping(path: str | Path) -> Mapping:
     shipped = FOLDER / f"{path}.yaml"
     file = shipped if Path(path).suffix == "" and not Path(path).is_file() and shipped.is_file() else Path(path)
     try:
-        content = load_yaml(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+        content = read_yaml(file)
+    except DocumentError as error:
+        if not error.missing:
+            raise LogError(f"{file}: {error.problem}; correct it.") from None
         words = sorted(one.stem for one in FOLDER.glob("*.yaml"))
         raise LogError(
             f"mapping={path}: there is no such file{nearest(str(path), words)}; words are {', '.join(words)}."
         ) from None
-    except OSError as error:
-        raise LogError(f"{file}: cannot be read: {error.strerror}.") from None
-    except TwiceError as error:
-        raise LogError(f"{file}: {error.problem}.") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        raise LogError(f"{file}: is not valid YAML{f' at line {mark.line + 1}' if mark else ''}; correct it.") from None
     return _checked(content, file)
 
 

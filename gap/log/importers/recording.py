@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from ....common.documents import DocumentError, read_json, read_yaml
 from ..types import Array, LogError
 
 RECORDED = 10
@@ -66,10 +65,9 @@ def facts_beside(path: Path) -> tuple[dict[str, float | str], list[str]]:
             continue
         fault, content = "", None
         try:
-            text = beside.read_text(encoding="utf-8-sig")
-            content = json.loads(text) if ending.endswith("json") else yaml.safe_load(text)
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            fault = f"cannot be read: {str(error).splitlines()[0]}"
+            content = read_json(beside) if ending.endswith("json") else read_yaml(beside)
+        except DocumentError as error:
+            fault = error.problem
         if not fault and not isinstance(content, Mapping):
             fault = "must be a mapping of names to numbers"
         facts = plain_facts(content) if isinstance(content, Mapping) else {}

@@ -14,6 +14,7 @@ from ....actuators.chain import load_chain
 from ....actuators.errors import nearest
 from ....actuators.published import PREFIX, as_recorded, drive_of
 from ....actuators.stages.controller import UNLIMITED
+from ....common.documents import parse_yaml
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
 from ....envs.robots import ROBOTS, get_robot
@@ -124,7 +125,7 @@ def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[di
 
 
 def _content(run: MeasuredRun) -> dict[str, Any]:
-    return yaml.safe_load(sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta)))
+    return parse_yaml(sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta)))
 
 
 def said_before(folder: Path) -> dict[str, Any] | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .....common.documents import RECORDING, DocumentError, read_json
 from ...types import Array, LogError
 from ..recording import Recording, plain_facts
 
@@ -43,9 +43,9 @@ def read_bam(path: Path) -> list[Recording]:
         LogError: it is no such file, or its entries are no mappings.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as error:
-        raise LogError(f"{path}: is not JSON: {str(error).splitlines()[0]}.") from None
+        content = read_json(path, RECORDING)
+    except DocumentError as error:
+        raise LogError(f"{path}: {error.problem}.") from None
     if not is_bam(content):
         raise LogError(
             f"{path}: is no recording: a JSON file with the list 'entries', one a sample, and a key such as mass or "

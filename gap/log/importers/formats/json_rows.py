@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from .....common.documents import RECORDING, DocumentError, parse_json, read_text
 from ...types import LogError
 from ..names import said
 from ..recording import RECORDED, NoRecording, Recording, plain_facts
@@ -64,24 +64,24 @@ def is_recording(path: Path) -> bool:
 def _content(path: Path) -> Any:
     """A JSON file, or the list of its lines where each is JSON of its own."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{path}: cannot be read as text: {str(error).splitlines()[0]}; export it again.") from None
+        text = read_text(path, RECORDING)
+    except DocumentError as error:
+        raise LogError(f"{path}: {error.problem}; export it again.") from None
     if path.suffix.lower() not in LINES:
         try:
-            return json.loads(text)
-        except ValueError as error:
+            return parse_json(text)
+        except DocumentError as error:
             first = error
         if not text.lstrip().startswith("{"):
-            raise LogError(f"{path}: is not JSON: {first}.") from None
+            raise LogError(f"{path}: {first.problem}; export it again.") from None
     rows, lines = [], [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     for k, line in lines:
         try:
-            rows.append(json.loads(line))
-        except ValueError as error:
+            rows.append(parse_json(line))
+        except DocumentError as error:
             if line is lines[-1][1] and len(rows) >= LEAST:  # cut off
                 break
-            raise LogError(f"{path}: line {k} is not JSON: {error}; correct or remove it.") from None
+            raise LogError(f"{path}: line {k} is not JSON: it {error.problem}; correct or remove it.") from None
     return rows
 
 

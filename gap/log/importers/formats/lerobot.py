@@ -5,7 +5,6 @@ Of version 2.x each episode is a file, of 3.0 a file holds several; the column `
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ import yaml
 from pyarrow import compute, parquet
 
 from .....actuators.chain import load_chain
+from .....common.documents import DocumentError, read_json
 from ...types import LogError
 from ..recording import Recording
 from .cells import numeric_columns
@@ -87,9 +87,9 @@ def _gains(robot: str) -> str:
 
 def _info(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as error:
-        raise LogError(f"{path}: cannot be read: {str(error).splitlines()[0]}; download it again.") from None
+        content = read_json(path)
+    except DocumentError as error:
+        raise LogError(f"{path}: {error.problem}; download it again.") from None
     if not isinstance(content, dict):
         raise LogError(f"{path}: is no mapping; download it again.")
     return content

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
+from .....common.documents import RECORDING, DocumentError, load_array, load_arrays
 from ...types import LogError
 from ..evidence import clock_units
 from ..names import said
@@ -43,11 +43,10 @@ def read_numpy(path: Path) -> list[Recording]:
         LogError: it is damaged, or has no vectors.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {name: _plain_array(file, name) for name in file.files}
-    except (OSError, ValueError, EOFError, AttributeError, BadZipFile) as error:
-        reason = str(error).splitlines()[0] if str(error) else "it is empty"
-        raise LogError(f"{path}: is no file of named arrays (np.savez), or a damaged one: {reason}.") from None
+        arrays = load_arrays(path, RECORDING)
+    except DocumentError as error:
+        raise LogError(f"{path}: {error.problem}.") from None
+    content = {name: None if value is None else _plain_array(value) for name, value in arrays.items()}
     return recordings_of(path, "numpy", content)
 
 
@@ -58,26 +57,18 @@ def read_array(path: Path) -> list[Recording]:
         LogError: it is damaged, or holds no numbers.
     """
     try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        reason = str(error).splitlines()[0] if str(error) else "it is empty"
-        if "Object arrays" in reason:
-            reason = "it holds Python objects, which are not loaded, for they can run any code"
+        array = load_array(path, RECORDING)
+    except DocumentError as error:
         raise LogError(
-            f"{path}: {reason}; save named arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a dict "
-            "with a vector for each column."
+            f"{path}: {error.problem}; save named arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a "
+            "dict with a vector for each column."
         ) from None
     fields = array.dtype.names
     content = {name: array[name] for name in fields} if fields else {path.stem: np.squeeze(array)}
     return recordings_of(path, "numpy", content)
 
 
-def _plain_array(file: Any, name: str) -> Any:
-    """An array of a file; None where it holds Python objects, which are not loaded."""
-    try:
-        value = file[name]
-    except ValueError:
-        return None
+def _plain_array(value: np.ndarray) -> Any:
     return str(value) if value.ndim == 0 and value.dtype.kind == "U" else np.squeeze(value)
 
 
