@@ -28,6 +28,7 @@ from .layout import (
 from .published import bam_file, bam_stages
 from .stages import OPCODES, ORDER, STAGES, ChainError, Quantity, Stage, build_stage
 from .stages.net import Net
+from .stages.parity import Frame
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
@@ -173,6 +174,19 @@ class Chain:
     def without_stage(self, name: str) -> Chain:
         """A chain without the stages of that name."""
         return dataclasses.replace(self, stages=tuple(item for item in self.stages if item.name != name))
+
+    def turned(self, zero: float, sign: float) -> Chain:
+        """The same drive with its joint's angle counted otherwise: ``new = sign (old - zero)``, goals as well.
+
+        Only an encoder's ticks stay where they were, within one tick.
+        """
+        if (zero, sign) == (0.0, 1.0):
+            return self
+        ratio, told_angles = self.gear_ratio(), self.find("torque_command") is None
+        goals = [told_angles and self.quantity_before(item) == Quantity.POSITION_GOAL for item in self.stages]
+        frames = [Frame(zero, sign, of_goals, ratio) for of_goals in goals]
+        turned = (stage.turned(frame) for stage, frame in zip(self.stages, frames, strict=True))
+        return dataclasses.replace(self, stages=tuple(turned))
 
     # --- writing -----------------------------------------------------------------------------------------------
 

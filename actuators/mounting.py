@@ -273,9 +273,10 @@ def _mount_deflection(spec: mujoco.MjSpec, item: DrivenCoordinate, spring: Any) 
     joint.armature = spring.inertia
     joint.stiffness = _polynomial(joint.stiffness, spring.stiffness)
     joint.damping = _polynomial(joint.damping, spring.damping)
-    if spring.unilateral > 0.5:
+    if abs(spring.unilateral) > 0.5:
+        travel = np.degrees(SPRING_TRAVEL) if joint.compiler.degree else SPRING_TRAVEL
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        joint.range = (0.0, np.degrees(SPRING_TRAVEL) if joint.compiler.degree else SPRING_TRAVEL)
+        joint.range = (0.0, travel) if spring.unilateral > 0.0 else (-travel, 0.0)
         joint.solref_limit, joint.solimp_limit = STOP_SOLREF, STOP_SOLIMP
     return name
 

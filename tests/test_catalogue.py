@@ -40,10 +40,6 @@ def test_every_cause_of_the_catalogue_applies_to_some_joint_and_names_causes_tha
         assert cause.degenerates_to is None or cause.degenerates_to.cause in ENTRIES
 
 
-def test_only_a_ripple_is_periodic() -> None:
-    assert [name for name, cause in causes().items() if cause.periodic] == ["friction.position_dependent"]
-
-
 def test_a_joint_that_is_moved_as_measured_hides_what_is_behind_its_link_and_in_front_of_its_motor() -> None:
     def hidden(view: View) -> set[str]:
         return {name for name, cause in causes().items() if not cause.needs.met_by(view)}

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.envs.extended import Change, Extended, Mounted
-from sealegs.gap.load.chain_frame import in_frame
 from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
@@ -29,7 +28,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
 
 def chains(run: MeasuredRun, machine: LoggedRobot) -> dict[str, Mounted]:
     return {
-        joint: Mounted(in_frame(load_chain(run.actuators[joint]), machine.frame(joint)), f"{joint}.yaml")
+        joint: Mounted(machine.frame(joint).chain_to_model(load_chain(run.actuators[joint])), f"{joint}.yaml")
         for joint in JOINTS
     }
 
@@ -163,7 +162,7 @@ def test_stops_and_offsets_change_sides_with_the_direction_of_the_log(recorded: 
     (stop,) = of_robot(machine, [change("elbow", "load.stop_angle", 0.9)])
     assert (stop.path, stop.after) == ("load.lower_stop", pytest.approx(-0.4))
     chain = load_chain("sts3215").with_value("encoder.offset", 0.1)
-    assert in_frame(chain, Frame(0.5, -1.0)).find("encoder").offset == pytest.approx(-0.1)
+    assert Frame(0.5, -1.0).chain_to_model(chain).find("encoder").offset == pytest.approx(-0.1)
 
 
 def test_the_robots_own_model_file_is_written_with_what_plain_mujoco_can_simulate(

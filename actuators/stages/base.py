@@ -18,6 +18,7 @@ from functools import cache
 from typing import Any, ClassVar, TypeVar
 
 from ..errors import SealegsError, nearest
+from .parity import Frame, Parity
 
 
 class ChainError(SealegsError):
@@ -41,6 +42,7 @@ def parameter(
     high: float,
     doc: str,
     *,
+    parity: Parity | None = None,
     neutral: float | None = None,
     in_law: bool = True,
 ) -> Any:
@@ -51,10 +53,12 @@ def parameter(
         unit: of the value.
         low, high: inclusive bounds.
         doc: its meaning, in one sentence.
+        parity: what becomes of it where the joint's angle is counted otherwise
+            (:mod:`sealegs.actuators.stages.parity`); a stage without it is refused.
         neutral: value at which the stage does nothing; default: ``default``.
         in_law: whether the stage's own law reads it, so that it stands in the program.
     """
-    metadata = {"unit": unit, "low": low, "high": high, "doc": doc, "in_law": in_law}
+    metadata = {"unit": unit, "low": low, "high": high, "doc": doc, "parity": parity, "in_law": in_law}
     metadata["neutral"] = default if neutral is None else neutral
     if default is None:
         return field(metadata=metadata)
@@ -127,6 +131,13 @@ class Stage:
                 f"{_meant_otherwise(value, unit, low, high)}."
             )
         return value
+
+    def turned(self, frame: Frame) -> Stage:
+        """The stage with its joint's angle as another frame has it, by what each of its fields states."""
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        metadata = {item.name: item.metadata for item in dataclasses.fields(self)}
+        changed = {key: metadata[key]["parity"].turned(values, key, frame) for key in values}
+        return dataclasses.replace(self, **{key: value for key, value in changed.items() if value != values[key]})
 
     def parameters(self) -> dict[str, float]:
         """Parameter values by name."""
@@ -271,7 +282,25 @@ S = TypeVar("S", bound=Stage)
 
 
 def register(cls: type[S]) -> type[S]:
-    """Class decorator: make a stage known by its name."""
+    """Class decorator: make a stage known by its name.
+
+    Raises:
+        ChainError: there is another of its name, or a parameter does not state its parity, or one that it cannot have.
+    """
+    other = STAGES.get(cls.name, cls)
+    if (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise ChainError(f"there is a stage '{cls.name}' already, in {other.__module__}; give this one another name.")
+    fields: dict[str, Mapping[str, Any]] = {item.name: item.metadata for item in dataclasses.fields(cls)}
+    for key, metadata in fields.items():
+        parity = metadata.get("parity")
+        if not isinstance(parity, Parity):
+            raise ChainError(
+                f"{cls.name}.{key} does not state what becomes of it where the joint's angle is counted the other way "
+                "round; give it parity=EVEN if nothing, parity=ODD if it changes sign, or another of "
+                "sealegs.actuators.stages.parity."
+            )
+        if (fault := parity.fault(fields, key)) is not None:
+            raise ChainError(f"{cls.name}.{key} {fault}.")
     STAGES[cls.name] = cls
     return cls
 

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 from ..compiled import compiled
 from ..layout import DELAY_EVENTS, S_READING, S_TIME
-from .base import Law, Quantity, Stage, parameter, register
+from .base import ChainError, Law, Quantity, Stage, parameter, register
+from .parity import ANGLE, EVEN, ODD
 
 EVENT = 3  # doubles of a remembered command: when it came, its value, changes since the event before it
 SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)
@@ -24,7 +25,9 @@ class Delay(Stage):
     derived: ClassVar[tuple[str, ...]] = ("spacing",)  # of remembered commands [s]
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
 
-    seconds: float = parameter(None, "s", 0.0, 10.0, "time from sending a command to its effect", neutral=0.0)
+    seconds: float = parameter(
+        None, "s", 0.0, 10.0, "time from sending a command to its effect", parity=EVEN, neutral=0.0
+    )
 
     def law_values(self, chain: Any) -> dict[str, float]:
         return {**super().law_values(chain), "spacing": 2.0 * self.seconds / (DELAY_EVENTS - 4)}
@@ -126,8 +129,10 @@ class GoalFilter(Stage):
     derived: ClassVar[tuple[str, ...]] = ("kept",)  # of a jump of the goal, before the filter decays
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
 
-    time_constant: float = parameter(None, "s", 0.0, 10.0, "time in which it covers 63 % of a step", neutral=0.0)
-    period: float = parameter(0.0, "s", 0.0, 1.0, "of the loop that computes it; 0: all the time")
+    time_constant: float = parameter(
+        None, "s", 0.0, 10.0, "time in which it covers 63 % of a step", parity=EVEN, neutral=0.0
+    )
+    period: float = parameter(0.0, "s", 0.0, 1.0, "of the loop that computes it; 0: all the time", parity=EVEN)
 
     def law_values(self, chain: Any) -> dict[str, float]:
         ahead = 0.5 * self.period / max(self.time_constant, 1e-9)
@@ -193,8 +198,10 @@ class RateLimit(Stage):
     switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
 
-    speed: float = parameter(100.0, "rad/s", 1e-3, 1e4, "largest speed of the goal")
-    acceleration: float = parameter(BOUNDLESS, "rad/s2", 1e-3, BOUNDLESS, "largest acceleration of the goal")
+    speed: float = parameter(100.0, "rad/s", 1e-3, 1e4, "largest speed of the goal", parity=EVEN)
+    acceleration: float = parameter(
+        BOUNDLESS, "rad/s2", 1e-3, BOUNDLESS, "largest acceleration of the goal", parity=EVEN
+    )
 
     def memory_size(self) -> int:
         return 3
@@ -282,7 +289,7 @@ class DeadBand(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
 
     width: float = parameter(
-        None, "rad, duty or N.m", 0.0, 10.0, "largest size ignored; larger ones pass whole", neutral=0.0
+        None, "rad, duty or N.m", 0.0, 10.0, "largest size ignored; larger ones pass whole", parity=EVEN, neutral=0.0
     )
 
     def law_values(self, chain: Any) -> dict[str, float]:
@@ -313,7 +320,7 @@ class Offset(Stage):
     repeats: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
 
-    value: float = parameter(None, "rad, duty or N.m", -1e4, 1e4, "added to the signal", neutral=0.0)
+    value: float = parameter(None, "rad, duty or N.m", -1e4, 1e4, "added to the signal", parity=ODD, neutral=0.0)
 
 
 OFFSET = Offset.offsets()
@@ -344,22 +351,27 @@ class Scale(Stage):
     repeats: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
 
-    factor: float = parameter(None, "-", -1e4, 1e4, "multiplies the signal", neutral=1.0)
+    factor: float = parameter(None, "-", -1e4, 1e4, "multiplies the signal", parity=EVEN, neutral=1.0)
+    centre: float = parameter(0.0, "rad", -1e4, 1e4, "goal that it leaves as it is", parity=ANGLE)
+
+    def check(self, chain: Any) -> None:
+        if self.centre != 0.0 and chain.quantity_before(self) != Quantity.POSITION_GOAL:
+            raise ChainError(f"{chain.label}: a 'scale' with a centre is one of goals; put it before the controller.")
 
 
 SCALE = Scale.offsets()
 
 
 @compiled()
-def scaled_goal(p, i, goal):
-    """A goal times the factor."""
-    return goal * p[i + SCALE.factor]
+def scaled(p, i, value):
+    """``value`` times the factor, from the centre."""
+    return p[i + SCALE.centre] + p[i + SCALE.factor] * (value - p[i + SCALE.centre])
 
 
 @compiled()
-def scaled(p, i, value):
-    """``value`` times the factor."""
-    return value * p[i + SCALE.factor]
+def scaled_goal(p, i, goal):
+    """A goal times the factor, from the centre."""
+    return scaled(p, i, goal)
 
 
 Scale.law = Law(start=scaled_goal, act=scaled)

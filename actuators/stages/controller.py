@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from ..compiled import compiled
 from ..layout import S_DUTY, S_GOAL, S_READING, S_SPEED, S_TIME
 from .base import ChainError, Law, Quantity, Stage, parameter, register
+from .parity import EVEN
 
 UNLIMITED = 1e6  # [N.m] a limit that is none
 
@@ -39,7 +40,7 @@ class PositionP(PositionController):
     name: ClassVar[str] = "position_p"
     after: ClassVar[str] = "dead_band"
 
-    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
+    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error", parity=EVEN)
 
 
 @register
@@ -50,8 +51,8 @@ class PositionPD(PositionController):
     name: ClassVar[str] = "position_pd"
     after: ClassVar[str] = "position_p"
 
-    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
-    damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed")
+    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error", parity=EVEN)
+    damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed", parity=EVEN)
 
 
 @register
@@ -67,12 +68,12 @@ class PositionPI(PositionController):
     name: ClassVar[str] = "position_pi"
     after: ClassVar[str] = "position_pd"
 
-    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error")
-    integral: float = parameter(None, "1/(rad.s)", 0.0, 1e6, "duty per radian second")
-    integral_limit: float = parameter(1.0, "-", 0.0, 1.0, "largest duty of the integral part")
-    damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed")
-    period: float = parameter(0.0, "s", 0.0, 1.0, "of a digital controller; 0: continuous")
-    band: float = parameter(0.0, "rad", 0.0, 1.0, "error that counts as none, of a digital controller")
+    gain: float = parameter(None, "1/rad", 0.0, 1e4, "duty per radian of position error", parity=EVEN)
+    integral: float = parameter(None, "1/(rad.s)", 0.0, 1e6, "duty per radian second", parity=EVEN)
+    integral_limit: float = parameter(1.0, "-", 0.0, 1.0, "largest duty of the integral part", parity=EVEN)
+    damping: float = parameter(0.0, "s/rad", 0.0, 1e3, "duty per rad/s of speed", parity=EVEN)
+    period: float = parameter(0.0, "s", 0.0, 1.0, "of a digital controller; 0: continuous", parity=EVEN)
+    band: float = parameter(0.0, "rad", 0.0, 1.0, "error that counts as none, of a digital controller", parity=EVEN)
 
     def check(self, chain: Any) -> None:
         if self.band > 0.0 and self.period == 0.0:
@@ -154,17 +155,18 @@ class Ideal(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
-    stiffness: float = parameter(None, "N.m/rad", 0.0, 1e6, "torque per radian of position error")
-    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e5, "torque per rad/s of speed")
-    torque_limit: float = parameter(UNLIMITED, "N.m", 0.0, UNLIMITED, "largest torque")
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
-    strength: float = parameter(1.0, "-", 0.0, 10.0, "torque that it gives per torque that it computes")
+    stiffness: float = parameter(None, "N.m/rad", 0.0, 1e6, "torque per radian of position error", parity=EVEN)
+    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e5, "torque per rad/s of speed", parity=EVEN)
+    torque_limit: float = parameter(UNLIMITED, "N.m", 0.0, UNLIMITED, "largest torque", parity=EVEN)
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", parity=EVEN, in_law=False)
+    strength: float = parameter(1.0, "-", 0.0, 10.0, "torque that it gives per torque that it computes", parity=EVEN)
     feedforward: float = parameter(
         0.0,
         "-",
         0.0,
         1.0,
         "share of a log's goal velocity and torque command that acts beside the goal",
+        parity=EVEN,
         in_law=False,
     )
 
@@ -211,7 +213,7 @@ class TorqueCommand(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", parity=EVEN, in_law=False)
 
 
 @register
@@ -227,8 +229,10 @@ class Derivative(Stage):
     after: ClassVar[str] = "torque_command"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
 
-    gain: float = parameter(None, "s/rad", 0.0, 1e3, "duty per rad/s by which the error grows", neutral=0.0)
-    filter: float = parameter(1e-3, "s", 1e-4, 0.1, "time constant of the goal's derivative; assumed")
+    gain: float = parameter(
+        None, "s/rad", 0.0, 1e3, "duty per rad/s by which the error grows", parity=EVEN, neutral=0.0
+    )
+    filter: float = parameter(1e-3, "s", 1e-4, 0.1, "time constant of the goal's derivative; assumed", parity=EVEN)
 
     def memory_size(self) -> int:
         return 2

@@ -18,6 +18,7 @@ from ..layout import (
     S_TIME,
 )
 from .base import ChainError, Law, Quantity, Stage, parameter, register
+from .parity import EVEN, ODD, Phase
 
 REST_SPEED = 1e-3  # [rad/s] below this a joint counts as at rest and friction opposes the torque, not the motion
 
@@ -54,13 +55,13 @@ class Friction(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
     derived: ClassVar[tuple[str, ...]] = ("loss",)  # of the gear, by its efficiency
 
-    coulomb: float = parameter(0.0, "N.m", 0.0, 1e4, "dry friction while moving")
-    viscous: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "friction per speed", in_law=False)
-    stribeck: float = parameter(0.0, "N.m", 0.0, 1e4, "dry friction at rest above that while moving")
-    stribeck_velocity: float = parameter(0.1, "rad/s", 1e-4, 1e3, "speed at which it has fallen to 1/e")
-    stribeck_exponent: float = parameter(1.0, "-", 0.2, 20.0, "how sharply it falls")
+    coulomb: float = parameter(0.0, "N.m", 0.0, 1e4, "dry friction while moving", parity=EVEN)
+    viscous: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "friction per speed", parity=EVEN, in_law=False)
+    stribeck: float = parameter(0.0, "N.m", 0.0, 1e4, "dry friction at rest above that while moving", parity=EVEN)
+    stribeck_velocity: float = parameter(0.1, "rad/s", 1e-4, 1e3, "speed at which it has fallen to 1/e", parity=EVEN)
+    stribeck_exponent: float = parameter(1.0, "-", 0.2, 20.0, "how sharply it falls", parity=EVEN)
     asymmetry: float = parameter(
-        0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved"
+        0.0, "N.m", -1e3, 1e3, "dry friction more in positive than in negative direction, halved", parity=ODD
     )
     viscous_asymmetry: float = parameter(
         0.0,
@@ -68,31 +69,38 @@ class Friction(Stage):
         -1e4,
         1e4,
         "friction per speed more in positive than in negative direction, halved; dry friction gives what it takes away",
+        parity=ODD,
     )
     load: float = parameter(
-        0.0, "-", 0.0, 1e2, "dry friction per torque through the gearbox, or per load that presses on it"
+        0.0, "-", 0.0, 1e2, "dry friction per torque through the gearbox, or per load that presses on it", parity=EVEN
     )
-    load_quadratic: float = parameter(0.0, "1/(N.m)", 0.0, 1e3, "dry friction per torque squared")
-    load_stribeck: float = parameter(0.0, "-", 0.0, 2.0, "load dependent friction at rest above that while moving")
-    ripple: float = parameter(0.0, "N.m", 0.0, 1e3, "amplitude of friction over position")
-    ripple_count: float = parameter(1.0, "1/turn", 0.0, 1e4, "periods per turn")
-    ripple_phase: float = parameter(0.0, "rad", -10.0, 10.0, "phase of the ripple")
+    load_quadratic: float = parameter(0.0, "1/(N.m)", 0.0, 1e3, "dry friction per torque squared", parity=EVEN)
+    load_stribeck: float = parameter(
+        0.0, "-", 0.0, 2.0, "load dependent friction at rest above that while moving", parity=EVEN
+    )
+    ripple: float = parameter(0.0, "N.m", 0.0, 1e3, "amplitude of friction over position", parity=EVEN)
+    ripple_count: float = parameter(1.0, "1/turn", 0.0, 1e4, "periods per turn", parity=EVEN)
+    ripple_phase: float = parameter(0.0, "rad", -10.0, 10.0, "phase of the ripple", parity=Phase("ripple_count"))
     bristle_stiffness: float = parameter(
-        0.0, "N.m/rad", 0.0, 1e12, "of the contact before it slips (presliding); 0: sticking is rigid"
+        0.0, "N.m/rad", 0.0, 1e12, "of the contact before it slips (presliding); 0: sticking is rigid", parity=EVEN
     )
-    bristle_damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e6, "of LuGre bristles")
-    lugre: float = parameter(0.0, "-", 0.0, 1.0, "1: bristles yield gradually; 0: they hold up to the limit")
-    slip_speed: float = parameter(0.0, "rad/s", 0.0, 1e3, "at which dry friction is whole; 0: it is so at rest")
-    drag: float = parameter(0.0, "N.m.s2/rad2", 0.0, 1e4, "friction per speed squared, of air or oil")
+    bristle_damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e6, "of LuGre bristles", parity=EVEN)
+    lugre: float = parameter(
+        0.0, "-", 0.0, 1.0, "1: bristles yield gradually; 0: they hold up to the limit", parity=EVEN
+    )
+    slip_speed: float = parameter(
+        0.0, "rad/s", 0.0, 1e3, "at which dry friction is whole; 0: it is so at rest", parity=EVEN
+    )
+    drag: float = parameter(0.0, "N.m.s2/rad2", 0.0, 1e4, "friction per speed squared, of air or oil", parity=EVEN)
     load_external: float = parameter(
-        0.0, "-", -1e2, 1e2, "dry friction per external torque beyond that per motor torque"
+        0.0, "-", -1e2, 1e2, "dry friction per external torque beyond that per motor torque", parity=EVEN
     )
-    load_stribeck_external: float = parameter(0.0, "-", -2.0, 2.0, "the same of what is more at rest")
+    load_stribeck_external: float = parameter(0.0, "-", -2.0, 2.0, "the same of what is more at rest", parity=EVEN)
     quadratic_motor: float = parameter(
-        0.0, "1/(N.m)", 0.0, 1e3, "at rest, per motor torque squared while the load drives the motor back"
+        0.0, "1/(N.m)", 0.0, 1e3, "at rest, per motor torque squared while the load drives the motor back", parity=EVEN
     )
     quadratic_external: float = parameter(
-        0.0, "1/(N.m)", 0.0, 1e3, "at rest, per external torque squared while the motor drives the load"
+        0.0, "1/(N.m)", 0.0, 1e3, "at rest, per external torque squared while the motor drives the load", parity=EVEN
     )
 
     def check(self, chain: Any) -> None:

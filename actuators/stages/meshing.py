@@ -11,32 +11,33 @@ from ..compiled import compiled
 from ..layout import S_LIMIT
 from .base import ChainError, Law, Quantity, Stage, parameter, register
 from .friction import REST_SPEED
+from .parity import EVEN, Phase, Swapped
 
 MOTOR_TORQUE, MOTOR_SPEED = "N.m", "rad/s"
 
 
-def _torque(doc: str) -> Any:
-    return parameter(0.0, MOTOR_TORQUE, 0.0, 1e4, doc)
+def _torque(doc: str, other: str) -> Any:
+    return parameter(0.0, MOTOR_TORQUE, 0.0, 1e4, doc, parity=Swapped(other))
 
 
-def _viscous(doc: str) -> Any:
-    return parameter(0.0, "N.m.s/rad", 0.0, 1e4, doc)
+def _viscous(doc: str, other: str) -> Any:
+    return parameter(0.0, "N.m.s/rad", 0.0, 1e4, doc, parity=Swapped(other))
 
 
-def _speed(doc: str) -> Any:
-    return parameter(1.0, MOTOR_SPEED, 1e-4, 1e5, doc)
+def _speed(doc: str, other: str) -> Any:
+    return parameter(1.0, MOTOR_SPEED, 1e-4, 1e5, doc, parity=Swapped(other))
 
 
-def _decay(doc: str) -> Any:
-    return parameter(0.0, "s/rad", 0.0, 1e3, doc)
+def _decay(doc: str, other: str) -> Any:
+    return parameter(0.0, "s/rad", 0.0, 1e3, doc, parity=Swapped(other))
 
 
 def _frequency(doc: str) -> Any:
-    return parameter(1.0, "1/rad", 0.0, 1e4, doc)
+    return parameter(1.0, "1/rad", 0.0, 1e4, doc, parity=EVEN)
 
 
-def _phase(doc: str) -> Any:
-    return parameter(0.0, "rad", -10.0, 10.0, doc)
+def _phase(doc: str, count: str) -> Any:
+    return parameter(0.0, "rad", -10.0, 10.0, doc, parity=Phase(count, kept=False, of_motor=True))
 
 
 @register
@@ -60,30 +61,36 @@ class Meshing(Stage):
     at_end: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    breakaway_positive: float = _torque("dry friction at rest, turning positive")
-    breakaway_negative: float = _torque("the same, turning negative")
-    coulomb_positive: float = _torque("dry friction far above the Stribeck velocity, turning positive")
-    coulomb_negative: float = _torque("the same, turning negative")
-    stribeck_velocity_positive: float = _speed("speed at which breakaway has fallen to 1/e, turning positive")
-    stribeck_velocity_negative: float = _speed("the same, turning negative")
-    viscous_positive: float = _viscous("friction per speed, turning positive")
-    viscous_negative: float = _viscous("the same, turning negative")
-    ripple_1_positive: float = _torque("amplitude of the first sine over position, turning positive")
-    ripple_1_negative: float = _torque("the same, turning negative")
-    ripple_2_positive: float = _torque("amplitude of the second sine at rest, turning positive")
-    ripple_2_negative: float = _torque("the same, turning negative")
-    ripple_3_positive: float = _torque("amplitude of the third sine at rest, turning positive")
-    ripple_3_negative: float = _torque("the same, turning negative")
-    decay_2_positive: float = _decay("of the second sine over speed, turning positive")
-    decay_2_negative: float = _decay("the same, turning negative")
-    decay_3_positive: float = _decay("of the third sine over speed, turning positive")
-    decay_3_negative: float = _decay("the same, turning negative")
+    breakaway_positive: float = _torque("dry friction at rest, turning positive", "breakaway_negative")
+    breakaway_negative: float = _torque("the same, turning negative", "breakaway_positive")
+    coulomb_positive: float = _torque(
+        "dry friction far above the Stribeck velocity, turning positive", "coulomb_negative"
+    )
+    coulomb_negative: float = _torque("the same, turning negative", "coulomb_positive")
+    stribeck_velocity_positive: float = _speed(
+        "speed at which breakaway has fallen to 1/e, turning positive", "stribeck_velocity_negative"
+    )
+    stribeck_velocity_negative: float = _speed("the same, turning negative", "stribeck_velocity_positive")
+    viscous_positive: float = _viscous("friction per speed, turning positive", "viscous_negative")
+    viscous_negative: float = _viscous("the same, turning negative", "viscous_positive")
+    ripple_1_positive: float = _torque(
+        "amplitude of the first sine over position, turning positive", "ripple_1_negative"
+    )
+    ripple_1_negative: float = _torque("the same, turning negative", "ripple_1_positive")
+    ripple_2_positive: float = _torque("amplitude of the second sine at rest, turning positive", "ripple_2_negative")
+    ripple_2_negative: float = _torque("the same, turning negative", "ripple_2_positive")
+    ripple_3_positive: float = _torque("amplitude of the third sine at rest, turning positive", "ripple_3_negative")
+    ripple_3_negative: float = _torque("the same, turning negative", "ripple_3_positive")
+    decay_2_positive: float = _decay("of the second sine over speed, turning positive", "decay_2_negative")
+    decay_2_negative: float = _decay("the same, turning negative", "decay_2_positive")
+    decay_3_positive: float = _decay("of the third sine over speed, turning positive", "decay_3_negative")
+    decay_3_negative: float = _decay("the same, turning negative", "decay_3_positive")
     frequency_1: float = _frequency("periods per turn of the first sine")
     frequency_2: float = _frequency("periods per turn of the second sine")
     frequency_3: float = _frequency("periods per turn of the third sine")
-    phase_1: float = _phase("of the first sine")
-    phase_2: float = _phase("of the second sine")
-    phase_3: float = _phase("of the third sine")
+    phase_1: float = _phase("of the first sine", "frequency_1")
+    phase_2: float = _phase("of the second sine", "frequency_2")
+    phase_3: float = _phase("of the third sine", "frequency_3")
 
     def check(self, chain: Any) -> None:
         friction = chain.find("friction")

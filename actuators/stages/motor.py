@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from ..compiled import compiled
 from ..layout import S_CURRENT, S_DUTY, S_TIME
 from .base import Law, Quantity, Stage, parameter, register
+from .parity import EVEN, ODD
 
 
 @register
@@ -22,15 +23,15 @@ class DCMotor(Stage):
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
     motor_constant: float = parameter(
-        None, "N.m/A = V.s/rad", 1e-6, 1e3, "torque per current; at the joint, unless a gear follows"
+        None, "N.m/A = V.s/rad", 1e-6, 1e3, "torque per current; at the joint, unless a gear follows", parity=EVEN
     )
-    resistance: float = parameter(None, "ohm", 1e-4, 1e4, "of the winding")
+    resistance: float = parameter(None, "ohm", 1e-4, 1e4, "of the winding", parity=EVEN)
     armature: float = parameter(
-        0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", in_law=False
+        0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", parity=EVEN, in_law=False
     )
-    inductance: float = parameter(0.0, "H", 0.0, 10.0, "of the winding; 0: the current follows at once")
+    inductance: float = parameter(0.0, "H", 0.0, 10.0, "of the winding; 0: the current follows at once", parity=EVEN)
     emf_ratio: float = parameter(
-        1.0, "-", 0.1, 10.0, "back-EMF constant over torque constant, where a data sheet has two"
+        1.0, "-", 0.1, 10.0, "back-EMF constant over torque constant, where a data sheet has two", parity=EVEN
     )
 
     @property
@@ -59,10 +60,18 @@ class Thermal(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
     loss: float = parameter(
-        None, "1/K", -0.1, 0.1, "share of the motor constant lost per kelvin above the reference", neutral=0.0
+        None,
+        "1/K",
+        -0.1,
+        0.1,
+        "share of the motor constant lost per kelvin above the reference",
+        parity=EVEN,
+        neutral=0.0,
     )
-    temperature: float = parameter(25.0, "degC", -60.0, 250.0, "of the motor")
-    reference: float = parameter(25.0, "degC", -60.0, 250.0, "temperature at which the motor constant holds")
+    temperature: float = parameter(25.0, "degC", -60.0, 250.0, "of the motor", parity=EVEN)
+    reference: float = parameter(
+        25.0, "degC", -60.0, 250.0, "temperature at which the motor constant holds", parity=EVEN
+    )
 
     def factor(self, temperature: float) -> float:
         """Motor constant at a temperature [degC] over that at the reference."""
@@ -123,11 +132,11 @@ class Regression(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
-    duty_torque: float = parameter(None, "N.m", -1e4, 1e4, "torque per duty")
-    speed_torque: float = parameter(None, "N.m.s/rad", -1e4, 1e4, "torque per speed, negative for a motor")
-    constant: float = parameter(0.0, "N.m", -1e3, 1e3, "torque at zero duty and speed")
+    duty_torque: float = parameter(None, "N.m", -1e4, 1e4, "torque per duty", parity=EVEN)
+    speed_torque: float = parameter(None, "N.m.s/rad", -1e4, 1e4, "torque per speed, negative for a motor", parity=EVEN)
+    constant: float = parameter(0.0, "N.m", -1e3, 1e3, "torque at zero duty and speed", parity=ODD)
     armature: float = parameter(
-        0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", in_law=False
+        0.0, "kg.m2", 0.0, 1e3, "rotor inertia; at the joint, unless a gear follows", parity=EVEN, in_law=False
     )
 
     def law_values(self, chain: Any) -> dict[str, float]:
@@ -161,7 +170,9 @@ class TorqueLimit(Stage):
     after: ClassVar[str] = "dc_motor"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    limit: float = parameter(None, "N.m", 0.0, 1e6, "largest torque; of the motor, if a gear follows", neutral=1e3)
+    limit: float = parameter(
+        None, "N.m", 0.0, 1e6, "largest torque; of the motor, if a gear follows", parity=EVEN, neutral=1e3
+    )
 
     def law_values(self, chain: Any) -> dict[str, float]:
         names = [stage.name for stage in chain.stages]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,6 +17,7 @@ from ...common.documents import DocumentError, load_arrays
 from ..compiled import compiled
 from ..layout import S_GOAL, S_OUT_OF_RANGE, S_READING, S_SPEED
 from .base import ChainError, Law, Quantity, Stage, parameter, register
+from .parity import EVEN, ODD
 
 SIZE = 2**28  # [B] of a net at most
 FORMAT = "sealegs actuator net 1"
@@ -93,13 +94,26 @@ class Net(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
 
-    file: str
+    file: str = field(metadata={"parity": EVEN})
     """Path of the net (.npz); a relative path is looked for beside the chain's file, then from the checkout."""
-    rate: float = parameter(0.0, "Hz", 0.0, 1e5, "rate the user expects; 0: that of the training", in_law=False)
-    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", in_law=False)
+    direction: float = parameter(
+        1.0,
+        "-",
+        -1.0,
+        1.0,
+        "-1: turned, for an angle that counts against that of its training",
+        parity=ODD,
+        in_law=False,
+    )
+    rate: float = parameter(
+        0.0, "Hz", 0.0, 1e5, "rate the user expects; 0: that of the training", parity=EVEN, in_law=False
+    )
+    armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", parity=EVEN, in_law=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if abs(self.direction) != 1.0:
+            raise ChainError(f"net.direction is {self.direction:g}; it must be 1 or -1.")
         trained = 1.0 / self.period()
         if self.rate > 0.0 and abs(trained - self.rate) > 0.01 * trained:
             raise ChainError(
@@ -122,13 +136,23 @@ class Net(Stage):
         del chain
         net = self.arrays()
         values = {name: float(net[name]) for name in ("period", "history", "torque_scale")}
+        values["torque_scale"] *= self.direction
         return {**values, "layers": float(len(net["layers"]))}
 
     def law_tail(self) -> list[float]:
-        """Sizes of the layers, then statistics of the inputs, then weights."""
+        """Sizes of the layers, then statistics of the inputs, then weights.
+
+        Turned, the net gives minus the torque that it gives for minus its inputs: their statistics and the weights of
+        the first layer change sign, as the torque does in :meth:`law_values`. That is exact, to the last bit.
+        """
         net = self.arrays()
         keys = ("layers", "input_mean", "input_std", "input_low", "input_high", "weights")
-        return np.concatenate([np.ravel(net[key]) for key in keys]).astype(float).tolist()
+        layers, mean, std, low, high, weights = (np.ravel(net[key]).astype(float) for key in keys)
+        if self.direction < 0.0:
+            mean, low, high = -mean, -high, -low
+            first = int(layers[0] * layers[1])
+            weights = np.concatenate([-weights[:first], weights[first:]])
+        return np.concatenate([layers, mean, std, low, high, weights]).tolist()
 
     def memory_size(self) -> int:
         net = self.arrays()

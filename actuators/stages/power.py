@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from ..compiled import compiled
 from ..layout import S_DUTY, S_VOLTAGE
 from .base import ChainError, Law, Quantity, Stage, parameter, register
+from .parity import EVEN, ODD
 
 MOTOR_BEHIND = ("back_emf", "motor_resistance")
 
@@ -31,7 +32,7 @@ class DutyLimit(Stage):
     after: ClassVar[str] = "minimum_duty"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
 
-    limit: float = parameter(1.0, "-", 0.0, 1.0, "largest duty")
+    limit: float = parameter(1.0, "-", 0.0, 1.0, "largest duty", parity=EVEN)
 
 
 DUTY_LIMIT = DutyLimit.offsets()
@@ -58,7 +59,7 @@ class MinimumDuty(Stage):
     switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
 
-    value: float = parameter(None, "-", 0.0, 1.0, "smallest duty that is applied", neutral=0.0)
+    value: float = parameter(None, "-", 0.0, 1.0, "smallest duty that is applied", parity=EVEN, neutral=0.0)
 
 
 @compiled()
@@ -93,8 +94,12 @@ class DutyStep(Stage):
     switches: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
 
-    size: float = parameter(None, "-", 0.0, 1.0, "one step of the duty; 0: continuous", neutral=0.0)
-    towards_zero: float = parameter(0.0, "-", 0.0, 1.0, "1: rounded towards zero (division); 0: down (bit shift)")
+    size: float = parameter(
+        None, "-", -1.0, 1.0, "one step of the duty; 0: continuous; below 0: rounded up", parity=ODD, neutral=0.0
+    )
+    towards_zero: float = parameter(
+        0.0, "-", 0.0, 1.0, "1: rounded towards zero (division); 0: down (bit shift)", parity=EVEN
+    )
 
 
 DUTY_STEP = DutyStep.offsets()
@@ -125,8 +130,8 @@ class Supply(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.DUTY,)
     gives: ClassVar[Quantity | None] = Quantity.VOLTAGE
 
-    volts: float = parameter(None, "V", 0.0, 1e3, "open-circuit supply voltage")
-    resistance: float = parameter(0.0, "ohm", 0.0, 1e3, "of battery, wires and bridge together")
+    volts: float = parameter(None, "V", 0.0, 1e3, "open-circuit supply voltage", parity=EVEN)
+    resistance: float = parameter(0.0, "ohm", 0.0, 1e3, "of battery, wires and bridge together", parity=EVEN)
 
     def law_values(self, chain: Any) -> dict[str, float]:
         if self.resistance > 0.0:
@@ -174,7 +179,7 @@ class CurrentLimit(Stage):
     derived: ClassVar[tuple[str, ...]] = MOTOR_BEHIND
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.VOLTAGE,)
 
-    limit: float = parameter(None, "A", 0.0, 1e4, "largest motor current", neutral=1e3)
+    limit: float = parameter(None, "A", 0.0, 1e4, "largest motor current", parity=EVEN, neutral=1e3)
 
     def law_values(self, chain: Any) -> dict[str, float]:
         return {**super().law_values(chain), **motor_behind(chain, self)}

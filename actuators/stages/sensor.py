@@ -9,6 +9,7 @@ from typing import ClassVar
 from ..compiled import compiled
 from ..layout import LATENCY_SAMPLES, P_LATENCY, P_LATENCY_MEMORY, P_OFFSET, P_SCALE, P_TICKS
 from .base import Quantity, Stage, parameter, register
+from .parity import EVEN, Reading
 
 
 @register
@@ -25,10 +26,10 @@ class Encoder(Stage):
     at_end: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    ticks: float = parameter(0.0, "1/turn", 0.0, 1e9, "steps per turn, 0: continuous")
-    offset: float = parameter(0.0, "rad", -10.0, 10.0, "reading at position zero")
-    scale: float = parameter(1.0, "-", 0.01, 100.0, "reading per position")
-    latency: float = parameter(0.0, "s", 0.0, 0.5, "age of the reading when the host receives it")
+    ticks: float = parameter(0.0, "1/turn", 0.0, 1e9, "steps per turn, 0: continuous", parity=EVEN)
+    offset: float = parameter(0.0, "rad", -10.0, 10.0, "reading at position zero", parity=Reading("scale"))
+    scale: float = parameter(1.0, "-", 0.01, 100.0, "reading per position", parity=EVEN)
+    latency: float = parameter(0.0, "s", 0.0, 0.5, "age of the reading when the host receives it", parity=EVEN)
 
     def header(self, memory: int) -> dict[int, float]:
         return {

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from .base import ChainError, Quantity, Stage, parameter, register
+from .parity import EVEN, ODD
 
 
 @register
@@ -21,8 +22,8 @@ class Gear(Stage):
     after: ClassVar[str] = "torque_limit"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    ratio: float = parameter(None, "-", 1e-3, 1e5, "motor turns per joint turn")
-    efficiency: float = parameter(1.0, "-", 0.05, 1.0, "share of the transmitted power that arrives")
+    ratio: float = parameter(None, "-", 1e-3, 1e5, "motor turns per joint turn", parity=EVEN)
+    efficiency: float = parameter(1.0, "-", 0.05, 1.0, "share of the transmitted power that arrives", parity=EVEN)
 
     def shapes_dry_friction(self) -> bool:
         return self.efficiency < 1.0
@@ -42,10 +43,19 @@ class Spring(Stage):
     at_end: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    stiffness: float = parameter(None, "N.m/rad", 1e-3, 1e6, "torque per deflection")
-    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "torque per deflection speed")
-    inertia: float = parameter(0.0, "kg.m2", 0.0, 1e3, "of what turns with the deflection; 0: nothing does")
-    unilateral: float = parameter(0.0, "-", 0.0, 1.0, "1: a hard stop keeps the link from falling behind the motor")
+    stiffness: float = parameter(None, "N.m/rad", 1e-3, 1e6, "torque per deflection", parity=EVEN)
+    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "torque per deflection speed", parity=EVEN)
+    inertia: float = parameter(
+        0.0, "kg.m2", 0.0, 1e3, "of what turns with the deflection; 0: nothing does", parity=EVEN
+    )
+    unilateral: float = parameter(
+        0.0,
+        "-",
+        -1.0,
+        1.0,
+        "1: a hard stop keeps the link from falling behind the motor; -1: from getting ahead of it",
+        parity=ODD,
+    )
 
     @property
     def has_coordinate(self) -> bool:
@@ -53,7 +63,7 @@ class Spring(Stage):
         return self.inertia > 0.0
 
     def check(self, chain: Any) -> None:
-        if self.unilateral > 0.5 and not self.has_coordinate:
+        if abs(self.unilateral) > 0.5 and not self.has_coordinate:
             raise ChainError(f"{chain.label}: a unilateral 'spring' needs an inertia that meets its stop.")
 
 
@@ -67,8 +77,8 @@ class Compliance(Stage):
     at_end: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    stiffness: float = parameter(None, "N.m/rad", 1e-3, 1e6, "torque per deflection", neutral=1e5)
-    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "torque per deflection speed")
+    stiffness: float = parameter(None, "N.m/rad", 1e-3, 1e6, "torque per deflection", parity=EVEN, neutral=1e5)
+    damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "torque per deflection speed", parity=EVEN)
 
 
 @register
@@ -87,6 +97,12 @@ class Backlash(Stage):
     at_end: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.TORQUE,)
 
-    width: float = parameter(None, "rad", 0.0, 1.0, "whole play of the link with the motor held", neutral=0.0)
-    tooth_stiffness: float = parameter(0.0, "N.m/rad", 0.0, 1e6, "of teeth that meet; 0: stiff, hardly bouncing")
-    tooth_damping: float = parameter(0.0, "N.m.s/rad", 0.0, 1e4, "of teeth that meet, beside a tooth_stiffness")
+    width: float = parameter(
+        None, "rad", 0.0, 1.0, "whole play of the link with the motor held", parity=EVEN, neutral=0.0
+    )
+    tooth_stiffness: float = parameter(
+        0.0, "N.m/rad", 0.0, 1e6, "of teeth that meet; 0: stiff, hardly bouncing", parity=EVEN
+    )
+    tooth_damping: float = parameter(
+        0.0, "N.m.s/rad", 0.0, 1e4, "of teeth that meet, beside a tooth_stiffness", parity=EVEN
+    )

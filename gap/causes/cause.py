@@ -139,11 +139,6 @@ class Cause:
         return f"{self.name} ({self.about})" if self.about else self.name
 
     @property
-    def periodic(self) -> bool:
-        """Whether it repeats over something, so that it has a phase."""
-        return any(p.phase for variant in self.variants for p in variant)
-
-    @property
     def forms(self) -> list[Variant]:
         """Of the variants that begin with one number the first, as each is another law."""
         return list({variant[0].number: variant for variant in reversed(self.variants)}.values())[::-1]

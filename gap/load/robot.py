@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 
+from ...actuators import Chain
 from ...envs.model_errors import line_of, uncompiled
 from ...envs.robot import RobotError
 from ...envs.robot_described import FileJoint, RobotFile
@@ -30,6 +31,14 @@ class Frame:
     def to_model(self, angles: Array) -> Array:
         """Angles of the log as the model has them."""
         return self.sign * (angles - self.zero)
+
+    def chain_to_model(self, chain: Chain) -> Chain:
+        """A chain that was found with the angle as the log has it, for the angle of the model."""
+        return chain.turned(self.zero, self.sign)
+
+    def chain_to_log(self, chain: Chain) -> Chain:
+        """:meth:`chain_to_model` undone."""
+        return chain.turned(-self.sign * self.zero, self.sign)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ import yaml
 from ...actuators import Chain, load_chain
 from ...envs.extended import FILE, Change, Extended, Mounted, Owner
 from ..causes.catalogue import adjustable
-from ..load.chain_frame import in_frame
 from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
@@ -106,7 +105,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, taken: T
         ranges = [change for item in diagnoses for change in widened_range(robot, item, found)]
         found = [*of_robot(robot, [*found, *ranges]), *common]
         chains = {
-            joint: tuple(Mounted(in_frame(item.chain, robot.frame(joint)), item.file) for item in variants)
+            joint: tuple(Mounted(robot.frame(joint).chain_to_model(item.chain), item.file) for item in variants)
             for joint, variants in chains.items()
         }
     digest = "" if robot is None else robot.file.model.digest

@@ -11,7 +11,6 @@ import numpy as np
 from ...actuators import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ...envs.extended import Extended
-from ..load.chain_frame import in_frame
 from ..load.robot import LoggedRobot, robot_of
 from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
@@ -93,7 +92,7 @@ def _chain(
         chain = robot.joint(name).carried(load_chain(run.actuators[name]))
     else:
         return robot.joint(name).chain  # in that frame already
-    return in_frame(chain, robot.frame(name))
+    return robot.frame(name).chain_to_model(chain)
 
 
 def _errors(

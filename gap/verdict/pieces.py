@@ -13,7 +13,6 @@ from ...actuators.chain import Chain, load_chain
 from ...actuators.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
-from ..load.chain_frame import in_log
 from ..load.pendulum import hung
 from ..load.robot import LoggedRobot, robot_of
 from ..load.terms import T_OWN, T_SIZE
@@ -145,7 +144,9 @@ def chain_of(run: MeasuredRun, joint: str, robot: LoggedRobot | None) -> Chain:
     if robot is None:
         return named_chain(run, joint)
     item = robot.joint(joint)
-    return item.carried(named_chain(run, joint) if joint in run.actuators else in_log(item.chain, robot.frame(joint)))
+    if joint in run.actuators:
+        return item.carried(named_chain(run, joint))
+    return item.carried(robot.frame(joint).chain_to_log(item.chain))
 
 
 def named_chain(run: MeasuredRun, joint: str) -> Chain:
