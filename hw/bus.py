@@ -65,7 +65,6 @@ class ServoBus(ServoReadings):
 
         Raises:
             PortError: the port is missing, not a serial port, or (:class:`PortBusyError`) in use.
-            EchoError: the adapter returns what is sent.
             RegisterError: there is no table of that name.
         """
         table = load_model(model)

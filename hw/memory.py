@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 
-from .dialects import PING, READ, REBOOT, WRITE
+from .dialects import READ, REBOOT, WRITE
 from .packets import (
     BusError,
     ConfigurationError,
@@ -42,8 +42,7 @@ class ServoMemory:
         Raises:
             ReplyError: it does not answer.
         """
-        self.line.retry(lambda: self.line.transact([servo], PING, [], self.line.dialect.ping_data))
-        return self.read_register(servo, "model_number")
+        return self.read_register(servo, "model_number")  # a PING with its echo would pass for the reply to it
 
     def scan(self, ids: Iterable[int] | None = None) -> dict[int, int]:
         """Model number by id of the servos that answer; each id without a servo costs one timeout.
@@ -57,18 +56,17 @@ class ServoMemory:
         found = {}
         for servo in range(self.model["id"].high + 1) if ids is None else ids:
             try:
-                self._find(servo)
+                found[servo] = self._find(servo)
             except NoReplyError:
                 self.line.expect_nothing_more()
-                continue
-            found[servo] = self.read_register(servo, "model_number")
         return found
 
-    def _find(self, servo: int) -> None:
+    def _find(self, servo: int) -> int:
+        """Model number of a servo that answers at the first try, or cannot be understood."""
+        register = self.model["model_number"]
         for left in range(self.line.retries, -1, -1):
             try:
-                self.line.transact([servo], PING, [], self.line.dialect.ping_data)
-                return
+                return register.read(self._ask(servo, register.address, register.bytes), register.address)
             except NoReplyError:
                 raise
             except ReplyError:
@@ -293,10 +291,10 @@ class ServoMemory:
                 raise
 
     def _read(self, servo: int, address: int, length: int) -> list[int]:
-        def read() -> list[int]:
-            asked = self.line.no_late_length(length)
-            start = max(min(address, self.model.size() - asked), 0)  # more bytes, but none behind the table's end
-            data = self.line.transact([servo], READ, self.line.dialect.block(start, asked), asked)[servo]
-            return data[address - start :][:length]
+        return self.line.retry(lambda: self._ask(servo, address, length))
 
-        return self.line.retry(read)
+    def _ask(self, servo: int, address: int, length: int) -> list[int]:
+        asked = self.line.no_late_length(length)
+        start = max(min(address, self.model.size() - asked), 0)  # more bytes, but none behind the table's end
+        data = self.line.transact([servo], READ, self.line.dialect.block(start, asked), asked)[servo]
+        return data[address - start :][:length]

@@ -50,10 +50,6 @@ class StalledError(PortError):
     """The adapter takes no more bytes."""
 
 
-class EchoError(PortError):
-    """The adapter returns what the host sends, which no reply can be told apart from."""
-
-
 # --- replies -------------------------------------------------------------------------------------------------------
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -26,6 +27,43 @@ RATES = (4800, 9600, 14400, 19200, 38400, 57600, 115200, 128000, 250000, 500000,
 WRITE_TIMEOUT = 0.5  # [s] for a full output queue; pyserial counts time in which this process did not run, too
 SHARED = 0.15  # [s] that another program may have the port: a supervisor that holds servos looks at them now and then
 WAIT = 0.002  # [s] that one read waits for its bytes: how finely the reply timeout is kept
+UNRETURNED = 4  # latest packets that an adapter may still return
+
+
+class Echo:
+    """Takes out of what comes in what this host has sent: some adapters return it, always or from some moment on.
+
+    One wire carries both directions, so a packet comes back before its answer. No answer equals its question: requests
+    are made so (:meth:`sealegs.hw.transactions.Transactions.no_late_length`).
+    """
+
+    def __init__(self) -> None:
+        self._sent: deque[bytes] = deque(maxlen=UNRETURNED)
+        self._held = b""
+
+    def sent(self, packet: Sequence[int]) -> None:
+        """A packet went out; it may come back."""
+        self._sent.append(bytes(packet))
+
+    def without(self, data: bytes, last: bool = False) -> bytes:
+        """What came in, less what this host has sent.
+
+        Args:
+            data: that came in since the last time; a packet may come back in pieces.
+            last: nothing more is waited for: the beginning of a packet is none.
+        """
+        data, self._held = self._held + data, b""
+        while data:
+            place = next((k for k, sent in enumerate(self._sent) if sent.startswith(data[: len(sent)])), None)
+            if place is None:
+                break
+            if len(data) < len(self._sent[place]):
+                self._held, data = (b"", data) if last else (data, b"")
+                break
+            data = data[len(self._sent[place]) :]
+            for _ in range(place + 1):
+                self._sent.popleft()
+        return data
 
 
 class BusPort(PortHandler):
@@ -36,8 +74,9 @@ class BusPort(PortHandler):
 
     Attributes:
         reply_timeout: wait for the first byte of a reply beyond the time that its bytes take [s].
-        discarded: bytes that the latest ``clearPort`` threw away.
+        discarded: bytes that the latest ``clearPort`` threw away, an echo left out.
         received: bytes that were read since.
+        echo: takes out what the adapter returns of what was sent.
     """
 
     def __init__(self, path: str, baudrate: int, reply_timeout: float, rates: Sequence[int] = RATES) -> None:
@@ -56,6 +95,7 @@ class BusPort(PortHandler):
         super().__init__(path)
         self.reply_timeout = reply_timeout
         self.discarded = self.received = 0
+        self.echo, self._ready = Echo(), bytearray()
         self._deadline = 0.0
         self.ser: Any = None
         if baudrate not in rates:
@@ -107,13 +147,24 @@ class BusPort(PortHandler):
 
     def clearPort(self) -> None:
         """Discard what has come in; the SDK calls this in front of every request."""
-        self.received, self.discarded = 0, self.ser.in_waiting
-        if self.discarded:
-            self.ser.reset_input_buffer()
+        self._ready += self.echo.without(self.waiting())
+        self.received, self.discarded = 0, len(self._ready)
+        self._ready.clear()
+
+    def waiting(self) -> bytes:
+        """What has come in, an echo with it."""
+        return self.ser.read(count) if (count := self.ser.in_waiting) else b""
+
+    def take(self, length: int) -> bytes:
+        """Up to ``length`` bytes that have come in, an echo with them; waits a little for the first."""
+        return self.ser.read(length)
 
     def readPort(self, length: int) -> bytes:
-        """Up to ``length`` bytes."""
-        data = self.ser.read(length)
+        """Up to ``length`` bytes, without an echo."""
+        if not self._ready:
+            self._ready += self.echo.without(self.take(length), self.isPacketTimeout())
+        data = bytes(self._ready[:length])
+        del self._ready[:length]
         self.received += len(data)
         return data
 
@@ -136,14 +187,15 @@ class BusPort(PortHandler):
         return time.monotonic() > self._deadline
 
     def settle(self, quiet: float = 0.004, longest: float = 0.05) -> int:
-        """Discard input until none has come for ``quiet`` seconds, at most ``longest``; how many reads found some."""
-        count, now = 0, time.monotonic()
+        """Discard input until none has come for ``quiet`` seconds, at most ``longest``; how many reads found any."""
+        count, now = 0, self.now()
         silent_since, end = now, now + longest
+        self._ready.clear()
         while now < min(end, silent_since + quiet):
-            if self.ser.read(256):
-                silent_since = time.monotonic()
-                count += 1
-            now = time.monotonic()
+            if found := self.take(256):
+                silent_since = self.now()
+                count += bool(self.echo.without(found))
+            now = self.now()
         return count
 
     def named(self, error: Exception) -> PortError | None:

@@ -16,7 +16,6 @@ from .packets import (
     BusError,
     ClosedError,
     CorruptReplyError,
-    EchoError,
     NoReplyError,
     RefusedError,
     RegisterError,
@@ -31,8 +30,6 @@ from .round_trip import RoundTrip
 
 LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
 USELESS = 8  # packets that are no answer, behind which the timeout counts though more come
-ECHO_WAIT = 0.005  # [s] within which an adapter's echo would be back; a release must not wait longer for it
-HELD_ECHO_WAIT = 0.025  # [s] the same where one seems to be: a USB adapter may hold bytes for 16 ms
 
 T = TypeVar("T")
 
@@ -72,7 +69,6 @@ class Transactions:
 
         Raises:
             PortError: as :class:`~sealegs.hw.port.BusPort`.
-            EchoError: the adapter returns what is sent.
         """
         self.path, self.retries = path, retries
         self.counts: Counter[str] = Counter()
@@ -86,11 +82,6 @@ class Transactions:
         self.dialect: Dialect = dialect_of(protocol)
         self.port = BusPort(path, baudrate, timeout, self.dialect.rates) if port is None else port
         self._byte_time = 10.0 / baudrate
-        try:
-            self._check_echo()
-        except BaseException:
-            self.port.closePort()
-            raise
 
     def close(self) -> None:
         """Close the port."""
@@ -136,7 +127,7 @@ class Transactions:
 
         Raises:
             ReplyError: a reply is missing or unusable.
-            UnpluggedError, StalledError, EchoError: the port failed.
+            UnpluggedError, StalledError: the port failed.
         """
         check_ids(ids)
         wait = self.port.reply_timeout if timeout is None else timeout
@@ -166,11 +157,12 @@ class Transactions:
         """Bytes to read where ``length`` are needed: as many, or the next number that no late answer can have.
 
         Replies say neither what they answer nor when it was asked. One that comes after its request failed, however
-        late, has another length than what is asked now, and so cannot pass for the answer.
+        late, has another length than what is asked now, and so cannot pass for the answer. Nor can the request itself,
+        which some adapters return.
         """
         while self._overdue and self.port.now() - self._overdue[0][0] > LATEST:
             self._overdue.popleft()
-        taken = {late for _, late in self._overdue}
+        taken = {late for _, late in self._overdue} | {self.dialect.own_length}
         while length in taken:
             length += 1
         return length
@@ -180,6 +172,7 @@ class Transactions:
         if len(request) > self.dialect.longest:
             raise RegisterError(f"the request is too long: {len(request)} bytes; address fewer servos at once.")
         self.dialect.send(self.port, request)
+        self.port.echo.sent(request)
         self.port.is_using = False
         if self.port.discarded:
             self.note(StaleReplyError(f"{self.port.discarded} bytes came on {self.path} after their time; ignored."))
@@ -208,8 +201,9 @@ class Transactions:
                     break
                 continue
             servo = reply.servo
-            if reply.whole == request and len(request) > self.dialect.overhead:
-                self._check_echo(HELD_ECHO_WAIT)
+            if reply.whole == request:  # an echo that came behind a late answer
+                strange += len(request)
+                continue
             if servo in replies or servo not in ids:
                 problem = StaleReplyError(
                     f"servo {servo} on {self.path} answered a question that was not the latest; it was ignored.",
@@ -295,33 +289,6 @@ class Transactions:
         if isinstance(named, UnpluggedError):
             self._gone = named
         return named
-
-    def _check_echo(self, wait: float = ECHO_WAIT) -> None:
-        """Send what no servo answers and no reply can equal, a SYNC_WRITE to nobody, and see whether it comes back.
-
-        Args:
-            wait: for how long [s].
-
-        Raises:
-            EchoError: it does.
-        """
-        try:
-            self.port.settle(quiet=0.002)
-            request = self._send(BROADCAST, SYNC_WRITE, self.dialect.block(0, 1))
-            self.port.setPacketTimeoutMillis(1e3 * wait)
-            seen: list[int] = []
-            while not self.port.isPacketTimeout() and len(seen) < len(request):
-                seen += self.port.readPort(len(request) - len(seen))
-        except Exception as error:
-            raise self._named(error) from None
-        if seen == request:
-            raise self._echo()
-
-    def _echo(self) -> EchoError:
-        return EchoError(
-            f"the adapter at {self.path} returns what is sent to it; switch its echo off, or use an adapter that "
-            "joins the two data lines itself."
-        )
 
     def _no_reply(self, missing: Sequence[int], wait: float) -> NoReplyError:
         return NoReplyError(

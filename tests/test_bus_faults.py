@@ -11,7 +11,6 @@ import pytest
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.packets import (
     CorruptReplyError,
-    EchoError,
     NoReplyError,
     OverheatFault,
     OverloadFault,
@@ -20,13 +19,15 @@ from sealegs.hw.packets import (
     UnpluggedError,
     VoltageFault,
 )
+from sealegs.hw.port import Echo
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.simulated_port import SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
-from tests.served_bus import served
+from tests.served_bus import served, wired
+from tests.simulated_runs import Simulation
 
 IDS = [1, 2]
 TIMEOUT = 0.3  # [s]
@@ -216,23 +217,50 @@ def test_an_unplugged_adapter_is_named_and_ends_the_bus(rigged: Rigged):
     assert rigged.torque() == [False, False]
 
 
-def test_an_adapter_that_echoes_is_refused_at_once_and_later(rigged: Rigged):
+def test_an_echo_is_told_from_answers_from_whichever_request_on(rigged: Rigged):
+    rigged.bus.torque_on(IDS)
     rigged.fault("echo")
-    with pytest.raises(EchoError, match="returns what is sent"):
-        rigged.bus.read_register(1, "present_position")
-    rigged.bus.close()
-    with pytest.raises(EchoError):
-        ServoBus(rigged.server.port)
+    assert rigged.bus.ping(1) == 777 and rigged.bus.read_register(2, "torque_enable") == 1
+    for _ in range(5):
+        rigged.bus.write_goals(IDS, [0.0, 0.0])
+        rigged.bus.read_state(IDS)
+    assert rigged.bus.torque_off(IDS) == {} and rigged.torque() == [False, False]
     rigged.control.order("clear")
-    with ServoBus(rigged.server.port, timeout=TIMEOUT) as bus:
-        assert bus.ping(1) == 777
+    assert rigged.bus.read_register(1, "model_number") == 777 and rigged.bus.counts == {}
 
 
-def test_an_echo_that_a_usb_adapter_holds_back_is_seen_at_the_first_reading(rigged: Rigged):
-    wire = Wire(rigged.server.wire.rig, [fault_from({"kind": "echo"})])
-    bus = ServoBus("held", timeout=TIMEOUT, opened=SimulatedPort(wire, TIMEOUT, latency=0.016))
-    with pytest.raises(EchoError):
-        bus.read_register(1, "present_position")
+@pytest.mark.parametrize("latency", [0.0, 0.016])
+def test_a_request_that_comes_back_is_no_answer_of_a_servo_that_is_not_there(latency: float):
+    wire = Wire(wired("hopper").rig, [fault_from({"kind": "echo"})])
+    bus = ServoBus("held", timeout=TIMEOUT, opened=SimulatedPort(wire, 0.03, latency=latency))
+    assert bus.scan([1, 2, 3]) == {1: 777, 2: 777}
+    with pytest.raises(NoReplyError):
+        bus.read_register(3, "present_position")
+    assert bus.torque_on(IDS) and set(bus.torque_off([1, 3])) == {3} and bus.torque_off([2]) == {}
+
+
+def test_an_echo_comes_in_pieces_and_behind_an_answer_that_is_late():
+    echo = Echo()
+    sent, answer = b"\xff\xff\x01\x04\x02\x28\x01\xcf", b"\xff\xff\x01\x03\x00\x01\xfa"
+    echo.sent(sent)
+    assert echo.without(sent[:3]) == b"" and echo.without(sent[3:] + answer[:2]) == answer[:2]
+    echo.sent(sent)
+    assert echo.without(sent[:3]) == b"" and echo.without(b"", last=True) == sent[:3], "and nothing more came"
+    assert echo.without(answer + sent) == answer + sent, "which transactions tell apart"
+    echo.sent(sent)
+    echo.sent(answer)
+    assert echo.without(answer) == b"", "the one before did not come back"
+
+
+@pytest.mark.parametrize("protocol", ["feetech", "dynamixel"])
+def test_an_echo_that_begins_and_ends_in_mid_run_is_no_fault_and_no_alarm(protocol: str):
+    arguments = ["robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05"]
+    simulation = Simulation("bench", *(arguments if protocol == "dynamixel" else []))
+    simulation.wire.faults.append(fault_from({"kind": "echo", "at": 0.4, "seconds": 0.4}))
+    simulation.wire.faults.append(fault_from({"kind": "echo", "at": 1.2}))
+    outcome = simulation.run(1.0)
+    assert outcome.ending == "finished" and not outcome.not_at_rest, outcome.fault
+    assert outcome.bus == {} and simulation.said == [] and simulation.torque == [False]
 
 
 # --- servos ------------------------------------------------------------------------------------------------------
@@ -253,7 +281,7 @@ def test_a_servos_own_fault_comes_with_the_reading(rigged: Rigged, kind, value, 
 
 def test_a_reply_of_a_servo_with_a_fault_is_a_reply(rigged: Rigged):
     rigged.fault("brown_out", value=3.8)
-    assert rigged.bus.ping(1) == 777  # its PING reply is, byte for byte, the request
+    assert rigged.bus.ping(1) == 777
     rigged.bus.torque_on(IDS)
     assert rigged.bus.torque_off(IDS) == {}
     assert rigged.bus.status[1] == 1

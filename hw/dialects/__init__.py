@@ -13,7 +13,7 @@ from ..packets import RegisterError
 from ..port import BusPort
 
 BROADCAST = 254
-PING, READ, WRITE, REBOOT, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x82, 0x83
+READ, WRITE, REBOOT, SYNC_READ, SYNC_WRITE = 0x02, 0x03, 0x08, 0x82, 0x83
 """Codes that both manufacturers use."""
 
 
@@ -39,14 +39,14 @@ class Dialect(Protocol):
 
     Attributes:
         overhead: bytes of a reply beside its data.
-        ping_data: bytes of data of the reply to PING.
+        own_length: bytes of data with which a reply is as long as the request for them.
         longest: bytes of a request.
         chained: whether servos answer a SYNC_READ only if the one before in the list did.
         rates: that the line can have [bit/s].
     """
 
     overhead: int
-    ping_data: int
+    own_length: int
     longest: int
     chained: bool
     rates: tuple[int, ...]

@@ -25,7 +25,7 @@ class DynamixelDialect:
     """Packets of Dynamixel protocol 2: two bytes of addresses and lengths, a CRC, byte stuffing."""
 
     overhead = 11
-    ping_data = 3
+    own_length = 3
     longest = 1000
     chained = True  # assumed: each waits for the packet of the one before
     rates: tuple[int, ...] = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)

@@ -13,8 +13,8 @@ ID, ERROR, DATA = 2, 4, 5  # places in a packet
 class FeetechDialect:
     """Packets of Feetech's STS and SCS servos; a byte of addresses, a byte as check, faults in every reply."""
 
-    overhead = 6  # a PING looks like its reply from a servo with a voltage fault
-    ping_data = 0
+    overhead = 6
+    own_length = 2
     longest = 250
     chained = False
     rates: tuple[int, ...] = RATES

@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import heapq
 
-from ..port import WAIT, BusPort
+from ..port import WAIT, BusPort, Echo
 from .faults import first
 from .wire import Wire
 
@@ -60,6 +60,7 @@ class SimulatedPort(BusPort):
         self._coming: list[tuple[float, int, bytes]] = []
         self._sequence = 0
         self._buffer = bytearray()
+        self.echo, self._ready = Echo(), bytearray()
 
     # --- clock -------------------------------------------------------------------------------------------------
 
@@ -95,11 +96,12 @@ class SimulatedPort(BusPort):
     def _time(self, time: float) -> None:
         self.clock.time = time
 
-    def clearPort(self) -> None:
-        """Discard what has come in."""
+    def waiting(self) -> bytes:
+        """What has come in."""
         self._arrive()
-        self.received, self.discarded = 0, len(self._buffer)
+        data = bytes(self._buffer)
         self._buffer.clear()
+        return data
 
     def writePort(self, packet: list[int]) -> int:
         """Carry a request to the servos."""
@@ -112,7 +114,7 @@ class SimulatedPort(BusPort):
                 self._push(at + self.latency, reply)
         return len(data)
 
-    def readPort(self, length: int) -> bytes:
+    def take(self, length: int) -> bytes:
         """Up to ``length`` bytes; waits for the first as long as a real port does."""
         self._require_adapter()
         self._arrive()
@@ -124,7 +126,6 @@ class SimulatedPort(BusPort):
             self._arrive()
         data = bytes(self._buffer[:length])
         del self._buffer[:length]
-        self.received += len(data)
         return data
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
@@ -134,15 +135,6 @@ class SimulatedPort(BusPort):
     def isPacketTimeout(self) -> bool:
         """Whether the timeout is over."""
         return self._time > self._deadline
-
-    def settle(self, quiet: float = 0.004, longest: float = 0.05) -> int:
-        """Discard input until none has come for ``quiet`` seconds, at most ``longest``."""
-        count, silent_since, end = 0, self._time, self._time + longest
-        while self._time < min(end, silent_since + quiet):
-            if self.readPort(256):
-                silent_since = self._time
-                count += 1
-        return count
 
     def _push(self, at: float, data: bytes) -> None:
         heapq.heappush(self._coming, (at, self._sequence, data))
