@@ -1,7 +1,7 @@
 """What a person must know at once, printed on stderr whatever becomes of the terminal.
 
 A terminal may be closed (EIO), stopped by Ctrl-S, or stalled behind ssh. Who has a robot to stop must not fail or wait
-for that: lines are printed by a thread of their own.
+for that: lines are printed by a thread of their own. Who prints elsewhere afterwards lets it :meth:`Alarm.flush` first.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import sys
 import threading
 from contextlib import suppress
 
-SOON = 0.05  # [s] that the sender of a line waits for it, so that lines keep their order with what he prints later
 LAST = 1.0  # [s] that the end of the process waits for lines
 
 
@@ -27,17 +26,14 @@ class Alarm:
         self._thread: threading.Thread | None = None
 
     def __call__(self, line: str) -> None:
-        """Print a line; behind one that is stuck, it is not waited for at all."""
+        """Print a line soon; it is not waited for."""
         with self._lock:
             if self._thread is None:
                 self._thread = threading.Thread(target=self._print, daemon=True)
                 self._thread.start()
                 atexit.register(self.flush)
-            stuck, printed = not self._latest.is_set(), threading.Event()
-            self._lines.put((line, printed))
-            self._latest = printed
-        if not stuck:
-            printed.wait(SOON)
+            self._latest = threading.Event()
+            self._lines.put((line, self._latest))
 
     def flush(self, seconds: float = LAST) -> None:
         """Wait at most so long [s] for the lines so far."""

@@ -18,6 +18,7 @@ from ..actuators.errors import SealegsError
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
 from ..envs.robots import get_robot
+from .alarm import to_stderr
 from .calibration import as_row
 from .clock import HIGHEST_RATE, LOWEST_RATE
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
@@ -207,6 +208,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
     config, robot = deployment.config, deployment.robot
     hw = config["hw"]
     with contextlib.ExitStack() as stack:
+        stack.callback(to_stderr.flush)  # lines of the run stand above its report
         switch = stack.enter_context(keyboard(config["dead_man"]))
         rest: Rest = "hold" if config["rest"] == "hold" else "release"
         registers = {joint.name: bus.identity(joint.address) for joint in robot.joints}

@@ -149,6 +149,8 @@ class ControlLoop:
         finally:
             if fault is not None and not self._stop.emergency:  # which itself takes the torque away
                 ending = "fault"
+                if self._torque_on:
+                    self._way_to_rest().say(f"STOP: {fault.sentence}")  # before servos, log and figures take their time
                 self._event("fault", name=fault.name, sentence=fault.sentence, servos=named(fault.servos))
             elif self._stop.reason is not None and ending == "finished":
                 ending = "stopped"
@@ -163,7 +165,10 @@ class ControlLoop:
         cut, bus = dict(self.safety.cut), dict(self.bus.counts)
         if magnitudes := self._current_sign.magnitudes:
             self._event("current without sign", servos=named(magnitudes), made="signed as duty x voltage - back-EMF")
-        self._event("end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns)
+        held = {} if self.holder is None else {"release": f"kill {self.holder}"}
+        self._event(
+            "end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns, **held
+        )
         return Outcome(
             ending, self._stop.reason, fault, timing, cut, bus, at_rest.failed, at_rest.seconds, at_rest.rest
         )

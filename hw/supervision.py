@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import select
 import signal
 import stat
@@ -20,6 +21,7 @@ from .in_charge import claims
 from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Rest
 from .take_over import Aftermath, bring_all_to_rest
 
+NAMES = re.compile(rb"\[[^]]*\]")  # of servos, as JSON among the words
 PATIENT = 2.0  # [s] that the loop may take over what lasts longer than a cycle: torque on, and the way to rest
 
 
@@ -33,6 +35,7 @@ class End:
         called: whether it said before that it brings the servos to rest: it may wait for this process.
         held: whether it left the servos held.
         release: whether the servos are to be released, whatever was to become of them.
+        left: servos that the loop could not release, where it has released the others; None: nobody knows.
     """
 
     why: str
@@ -40,6 +43,7 @@ class End:
     called: bool = False
     held: bool = False
     release: bool = False
+    left: tuple[str, ...] | None = None
 
 
 def watch(charge: Charge, pipe: int, starting: Callable[[], None] = lambda: None) -> End | None:
@@ -52,16 +56,22 @@ def watch(charge: Charge, pipe: int, starting: Callable[[], None] = lambda: None
     """
     patience: float | None = None
     last, release, started = b"", False, False
+    left: tuple[str, ...] | None = None
+    begun = b""  # of names
     while True:
         ready, _, _ = select.select([pipe], [], [], patience)
         if not ready:
             return End(f"the loop was silent for {patience:g} s", hangs=True, release=release)
-        data = os.read(pipe, 4096)
+        read = os.read(pipe, 4096)
+        for names in NAMES.findall(begun + read):
+            left = tuple(json.loads(names))
+        data, bracket, rest = NAMES.sub(b"", begun + read).partition(b"[")
+        begun = bracket + rest
         release |= RELEASE in data
         if STARTING in data and not started:
             started = True
             starting()
-        if data:
+        if read:
             last = data.replace(RELEASE, b"")[-1:] or last
             patience = PATIENT if last in (STARTING, RESTING, HELD) else charge.silence
         elif last == DONE or not last:  # without a word, torque never came on
@@ -70,7 +80,7 @@ def watch(charge: Charge, pipe: int, starting: Callable[[], None] = lambda: None
             return End("the loop left the servos held", held=not release, release=release)
         else:
             why = "the loop ended without bringing the servos to rest"
-            return End(why, called=last == RESTING, release=release)
+            return End(why, called=last == RESTING, release=release, left=left)
 
 
 class Button:
@@ -191,7 +201,7 @@ def main(read_line: Callable[[], bytes]) -> None:
             if seconds > charge.patience:
                 process.on_its_own()
 
-        rest = bring_all_to_rest(charge.lines(), rest, after, end.why, waited)
+        rest = bring_all_to_rest(charge.lines(), rest, after, end.why, waited, end.left)
         if rest is None:
             return
         with contextlib.suppress(OSError):

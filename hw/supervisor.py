@@ -281,15 +281,18 @@ class Supervisor:
         self._answers.close()
         return self._process.pid
 
-    def call(self, give_up: Callable[[], bool] = lambda: False) -> bool:
+    def call(self, give_up: Callable[[], bool] = lambda: False, left: Sequence[str] = ()) -> bool:
         """Hand the servos over, because bringing them to rest failed; waits for the supervisor's tries.
 
         Args:
             give_up: asked meanwhile: whether a person ends the wait. The supervisor goes on alone then.
+            left: servos that are not released, where the others are; none: nothing is known of any.
 
         Returns:
             Whether it brought them to rest; where they are held, it goes on watching them.
         """
+        if left:
+            self._say(json.dumps(list(left)).encode())
         with contextlib.suppress(OSError):
             self._pipe.close()
         end = time.monotonic() + self._patience

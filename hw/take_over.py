@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -75,6 +75,7 @@ def bring_all_to_rest(
     after: Aftermath,
     why: str,
     waited: Callable[[float], None] = lambda seconds: None,
+    on: Collection[str] | None = None,
 ) -> Rest | None:
     """Bring the servos of all buses to rest, for as long as that takes.
 
@@ -84,13 +85,15 @@ def bring_all_to_rest(
         after: how to tell.
         why: it is not the loop that does so.
         waited: called with the time so far [s] after each try that failed.
+        on: servos that may have torque, where the others are known to have none; None: all may.
 
     Returns:
         What was done to them; None: a person ended the tries, or a virtual machine has ended.
     """
     started = after.clock.now()
     left = list(lines)
-    everyone = ", ".join(servo for line in lines for servo in line.named(line.ids))
+    names = [servo for line in lines for servo in line.named(line.ids)]
+    off = set[str]() if on is None or rest == "hold" else set(names) - set(on)  # as they were last known
     noted: list[str] | None = None
     said = False
     while True:
@@ -98,10 +101,14 @@ def bring_all_to_rest(
             rest, left = "release", list(lines)  # those that are held already as well
         failures = one_try(left, rest)
         took = after.clock.now() - started
+        if rest == "release":
+            failed = {servo for failure in failures.values() for servo in failure.servos}
+            off |= {servo for line in left for servo in line.named(line.ids) if servo not in failed}
+            failures = {name: failure for name, failure in failures.items() if not off.issuperset(failure.servos)}
         left = [line for line in left if line.name in failures]
         if not left:
             break
-        servos = [servo for failure in failures.values() for servo in failure.servos]
+        servos = [servo for failure in failures.values() for servo in failure.servos if servo not in off]
         reason = next(iter(failures.values())).reason
         if servos != noted:
             after.note("not at rest", by="supervisor", servos=servos, reason=reason, seconds=round(took, 4))
@@ -126,10 +133,13 @@ def bring_all_to_rest(
         waited(took)
         hurried = took < YOUNG and all(failure.unreachable for failure in failures.values())
         after.clock.sleep(PAUSE if hurried else TIRED)
-    done = "released" if rest == "release" else "held"
-    after.note("at rest", by="supervisor", rest=rest, seconds=round(took, 4))
+    done, how, ends = "released", {}, ""
+    if rest == "hold":
+        how = {"release": f"kill {after.pid}"}
+        done, ends = "held", f" It watches them; `{how['release']}` releases them."
+    after.note("at rest", by="supervisor", rest=rest, seconds=round(took, 4), **how)
     if after.alone():
-        after.say(f"{_begun(why)}; the supervisor has {done} servo(s) {everyone} after {took:.2g} s.")
+        after.say(f"{_begun(why)}; the supervisor has {done} servo(s) {', '.join(names)} after {took:.2g} s.{ends}")
     return rest
 
 

@@ -88,7 +88,7 @@ class WayToRest:
             seconds=round(seconds, 4),
             failed={str(servo): reason for servo, reason in reasons.items()},
         )
-        holder = self._leave(rest, bool(failed))
+        holder = self._leave(rest, list(failed))
         rest = "release" if self._stop.emergency else rest
         if not failed:
             self._enter("at rest")
@@ -113,7 +113,7 @@ class WayToRest:
             return True
         return self._supervisor.resting() if failed else self._supervisor.holding()
 
-    def _leave(self, rest: Rest, failed: bool) -> int | None:
+    def _leave(self, rest: Rest, failed: Sequence[int]) -> int | None:
         """Tell the supervisor how the servos are; the process that watches them from now on."""
         if self._supervisor is None:
             return None
@@ -122,7 +122,8 @@ class WayToRest:
         elif failed:
             asked = self._stop.asked
             self.say("The supervisor goes on trying to reach them; Ctrl-C ends the wait.")
-            reached = self._supervisor.call(lambda: self._stop.asked > asked)
+            left = [str(servo) for servo in failed] if rest == "release" else []
+            reached = self._supervisor.call(lambda: self._stop.asked > asked, left)
             return self._supervisor.pid if reached and rest == "hold" and not self._stop.emergency else None
         if rest == "hold":
             return self._supervisor.leave_held()

@@ -51,6 +51,7 @@ class Guard:
         lives: whether it listens.
         dies, pressed: when it dies, and when the emergency stop is pressed, as seen at the next word [s]; None: never.
         called_at: when the loop first said that it brings the servos to rest [s]; None: never.
+        left: servos that the loop could not release, as it said; None: it did not.
     """
 
     def __init__(self, simulation: Simulation, rest: Rest = "release", patience: float = 1.0) -> None:
@@ -61,6 +62,7 @@ class Guard:
         self.dies: float | None = None
         self.pressed: float | None = None
         self.called_at: float | None = None
+        self.left: list[str] | None = None
 
     def _listens(self) -> bool:
         now = self._simulation.port.now()
@@ -97,8 +99,9 @@ class Guard:
     def dismiss(self) -> None:
         self.heard.append("dismiss")
 
-    def call(self, give_up: Callable[[], bool]) -> bool:
+    def call(self, give_up: Callable[[], bool], left: Sequence[str]) -> bool:
         self.heard.append("call")
+        self.left = list(left)
         port = self._simulation.port.reopened()
         end = port.now() + self.patience
         while port.now() < end and not give_up():

@@ -6,7 +6,7 @@ import json
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -121,11 +121,11 @@ def test_an_emergency_stop_does_not_end_the_wait_for_servos_that_may_have_torque
     simulation.fault("silence", at=0.5, servos=[2])
     call, waited = simulation.guard.call, list[bool]()
 
-    def pressed(give_up: Callable[[], bool]) -> bool:
+    def pressed(give_up: Callable[[], bool], left: Sequence[str]) -> bool:
         simulation.stop.press("pressed")
         waited.append(not give_up())
         simulation.wire.faults.clear()
-        return bool(call(give_up))
+        return bool(call(give_up, left))
 
     monkeypatch.setattr(simulation.guard, "call", pressed)
     outcome = simulation.run(1.0)

@@ -73,7 +73,8 @@ def test_the_last_line_of_deploy_says_that_torque_may_be_on(tmp_path: Path, caps
     arguments = ["hw.virtual.time=stepped", *PATIENT, "silence=20", "patience=0.1", f"hw.virtual.faults={faults}"]
     assert run_script(deploy.main, "deploy", "", [*arguments, f"excitation={away}", f"out={tmp_path}"]) == 2
     error = capsys.readouterr().err.strip().splitlines()
-    assert error[0].startswith("TORQUE MAY BE ON at servo(s) 1: CUT THE POWER"), "at once"
+    assert error[0].startswith("STOP: on the way to the start: servo 1"), "at once"
+    assert error[1].startswith("TORQUE MAY BE ON at servo(s) 1: CUT THE POWER")
     assert error[-1].startswith("TORQUE MAY BE ON at servo(s) 1") and "on the way to the start" in error[-1]
 
 
@@ -112,7 +113,7 @@ def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_wait
     monkeypatch.setattr(simulation.guard, "resting", noted)
     simulation.loop.each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
     outcome = simulation.run()
-    assert set(outcome.not_at_rest) == {1, 2}
+    assert set(outcome.not_at_rest) == {1, 2} and simulation.guard.left == ["1", "2"], "the others are released"
     first, line = simulation.said[0]
     assert "TORQUE MAY BE ON at servo(s) 1: CUT THE POWER" in line and first - begun[0] < 0.2
     assert [word for word in simulation.guard.heard if word != "resting"] == ["call"]
@@ -152,6 +153,16 @@ def test_the_view_is_stale_once_the_release_has_failed() -> None:
 
 
 # --- torque that is lost -----------------------------------------------------------------------------------------
+
+
+def test_why_a_run_stops_is_said_before_anything_that_takes_time() -> None:
+    simulation = Simulation(faults=[{"kind": "limp", "at": 0.5}])
+    simulation.loop.alarm = lambda line: simulation.said.append((len(simulation.guard.heard), line))
+    assert simulation.run(1.0).ending == "fault"
+    assert [(heard, line.split(":")[0]) for heard, line in simulation.said] == [(0, "STOP")], "nobody was told to rest"
+    assert "servo 1 has lost its torque" in simulation.said[0][1]
+    simulation = Simulation(faults=[{"kind": "brown_out", "value": 5.5}])
+    assert simulation.run(1.0).ending == "fault" and simulation.said == [], "torque was never on"
 
 
 @pytest.mark.long
@@ -318,7 +329,7 @@ def test_overruns_that_go_on_are_named_and_end_the_run_where_that_is_set(overrun
     (event,) = [event for event in read_events(tmp_path / "run.csv") if event["event"] == "pace"]
     assert event["name"] == "overruns" and 2.0 < event["time"] < 4.0 and "10.0 ms" in event["sentence"]
     assert (outcome.fault is not None and outcome.fault.name == "overruns") == (overruns == "stop")
-    assert len(simulation.said) == (overruns == "log")
+    assert [line.startswith("STOP: ") for _, line in simulation.said] == [overruns == "stop"]
 
 
 def test_a_single_stall_is_no_sustained_overrun() -> None:

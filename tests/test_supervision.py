@@ -142,6 +142,43 @@ def test_an_emergency_stop_has_servos_released_that_could_not_be_held() -> None:
     assert left.simulation.torque == [False] * 4 and "released" in left.said[-1]
 
 
+def test_servos_that_are_known_to_be_released_are_not_named() -> None:
+    left = Left()
+    left.simulation.fault("silence", servos=[2])
+    left.opening = lambda count: GONE if count > 2 else None
+    left.asked = 0
+    left.after = replace(left.after, asked=lambda: int(left.opened > 4))
+    assert left.release() is None and left.simulation.torque == [False, True, False, False]
+    assert all("servo(s) 2: CUT THE POWER" in line for line in left.said), left.said
+    assert [event["servos"] for event in left.noted if event["event"] == "not at rest"] == [["2"], ["2"]]
+
+
+def test_what_the_loop_has_released_is_not_named_by_the_supervisor() -> None:
+    left = Left(lambda count: GONE)
+    left.after = replace(left.after, asked=lambda: int(left.opened > 2))
+    assert bring_all_to_rest(left.lines, "release", left.after, WHY, on=("3",)) is None
+    assert all("servo(s) 3: CUT THE POWER" in line for line in left.said) and left.noted[-1]["servos"] == ["3"]
+    gone, other = Left(lambda count: GONE), Left()
+    lines = [Line("", gone.open, [1, 2, 3, 4]), Line("legs", other.open, [1, 2, 3, 4])]
+    assert bring_all_to_rest(lines, "release", gone.after, WHY, on=("legs:4",)) == "release"
+    assert other.simulation.torque == [False] * 4 and len(gone.said) == 1, "the first bus was released by the loop"
+
+
+def test_servos_that_were_to_be_held_are_all_named_where_one_cannot_be_released() -> None:
+    left = Left(lambda count: GONE if count > 1 else None)
+    left.simulation.fault("silence", servos=[2])
+    left.after = replace(left.after, asked=lambda: int(left.opened > 2))
+    assert bring_all_to_rest(left.lines, "hold", left.after, WHY, on=("2",)) is None
+    assert left.noted[-1]["servos"] == ["1", "2", "3", "4"], "those that are held have torque"
+
+
+def test_who_finds_servos_held_reads_how_they_are_released() -> None:
+    left = Left()
+    assert left.release("hold") == "hold"
+    assert left.said[-1].endswith("It watches them; `kill 4711` releases them."), left.said
+    assert left.noted[-1]["release"] == "kill 4711"
+
+
 # --- servos that are held ----------------------------------------------------------------------------------------
 
 
@@ -323,6 +360,10 @@ def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch:
     assert end is not None and end.release
     end = ended(RESTING + HELD)
     assert end is not None and end.held
+    for words in (BEAT + RESTING + b'["2", "arm:3"]', RESTING + b'["2", "arm:3"]' + RELEASE):
+        end = ended(words)
+        assert end is not None and end.called and end.left == ("2", "arm:3"), "names are no words"
+    assert end is not None and end.release
     for words in (RELEASE + RESTING + HELD, RESTING + HELD + RELEASE + RESTING, RESTING + HELD + RELEASE):
         end = ended(words)
         assert end is not None and end.release and not end.held, "pressed as they became held"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -90,7 +91,7 @@ def stopped_at(process: subprocess.Popen[str], virtual: VirtualBus, folder: Path
 def test_after_a_kill_the_servos_are_held_where_that_is_configured(virtual: VirtualBus, tmp_path: Path) -> None:
     process = running(virtual, tmp_path, "rest=hold")
     os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
+    _, errors = process.communicate()
     wait_until(lambda: read_events(tmp_path / "run.csv")[-1]["event"] == "at rest")
     assert all(torque(virtual))
     goals = [servo["goal"] for servo in virtual.status()["servos"].values()]
@@ -98,6 +99,11 @@ def test_after_a_kill_the_servos_are_held_where_that_is_configured(virtual: Virt
     status = virtual.status()["servos"].values()
     assert [servo["goal"] for servo in status] == goals
     assert all(abs(servo["goal"] - servo["steps"]) < 60 for servo in status), "it stands at its goal"
+    release = re.findall(r"`(kill \d+)` releases them", errors)
+    assert [read_events(tmp_path / "run.csv")[-1]["release"]] == release, errors
+    subprocess.run(release[0], shell=True, check=True)
+    wait_until(lambda: not any(torque(virtual)))
+    wait_until(lambda: read_events(tmp_path / "run.csv")[-1].get("why") == "asked to")
 
 
 @pytest.mark.long
