@@ -12,6 +12,7 @@ from annotated_types import Gt, Le
 
 from ..actuators.errors import SealegsError
 from ..configs.check import Count, checked
+from .adapters import Whereabouts
 from .bus import ServoBus
 from .buses import BusGroup
 from .clock import Hold
@@ -230,8 +231,9 @@ def charge_of(
         for name, item in opening.items()
         if name and ids[name]
     ]
+    homes = {name: Whereabouts.of(item.port) for name, item in opening.items()}
     return Charge(
         first.port, first.baudrate, first.servo, first.timeout, ids.get("", []), rest,
         config["silence"], os.getpid(), events, config["patience"], others, config["hw"]["virtual"] is None,
-        bearable=Bearable(limits.temperature, limits.current, limits.current_time),
+        bearable=Bearable(limits.temperature, limits.current, limits.current_time), homes=homes,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from ..actuators.errors import SealegsError
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
 from ..envs.robots import get_robot
+from .adapters import advice
 from .alarm import to_stderr
 from .calibration import as_row
 from .clock import HIGHEST_RATE, LOWEST_RATE
@@ -218,6 +219,9 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
         for line in unlike_the_file(registers, robot):
             say(line)
         log = stack.enter_context(contextlib.closing(_log(deployment, bus.port, registers)))
+        for name, path in opened.ports.items():
+            if (line := advice(path, f"robot.buses.{name}.port" if name else "port")) is not None:
+                say(line)
         bench = robot.robot.source == BENCH.name  # a file may have that name too, and no such numbers
         if bench and hw["virtual"] is None and not {"mass", "length"} <= robot.params.keys():
             say(

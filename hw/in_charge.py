@@ -15,19 +15,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..actuators.atomic import write_text
+from .adapters import Whereabouts
 from .supervisor import Charge
 
 
 class InCharge:
     """The claim of one process on the servos of one bus.
 
-    It holds among the processes of one user, on the same servos behind the same name of a port. Elsewhere, or without a
-    place for files, several watch as if each were alone.
+    It holds among the processes of one user, on the same servos behind the same adapter, or the same name of a port
+    where the system does not know the adapter. Elsewhere, or without a place for files, several watch as if each were
+    alone.
     """
 
-    def __init__(self, port: str, ids: Sequence[int], folder: Path | None = None) -> None:
+    def __init__(self, adapter: str, ids: Sequence[int], folder: Path | None = None) -> None:
         """Claim nothing yet; ``folder``: for the file, None: that of temporary ones."""
-        servos = f"{os.path.abspath(port)} {sorted(ids)} {os.getuid()}"
+        servos = f"{adapter} {sorted(ids)} {os.getuid()}"
         place = Path(tempfile.gettempdir()) if folder is None else folder
         self._path = place / f".sealegs-{hashlib.sha256(servos.encode()).hexdigest()[:16]}"
         self._mark = uuid.uuid4().hex
@@ -55,4 +57,5 @@ def claims(charge: Charge) -> dict[str, InCharge]:
     if not charge.lasting:
         return {}
     rows = [("", charge.port, charge.ids), *((row["bus"], row["port"], row["ids"]) for row in charge.others)]
-    return {name: InCharge(port, ids) for name, port, ids in rows if ids}
+    homes = {name: charge.homes.get(name, Whereabouts(port)) for name, port, _ in rows}
+    return {name: InCharge(homes[name].name, ids) for name, _, ids in rows if ids}

@@ -76,6 +76,7 @@ class ServoMemory:
                         "connect them one at a time and give one another id.",
                         [servo],
                     ) from None
+        raise AssertionError("unreachable")
 
     def unfit(self, servo: int, *, goals: bool = True) -> Iterator[BusError]:
         """What is set up so that the host cannot work with a servo: what a run refuses, and what a scan tells.

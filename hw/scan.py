@@ -21,6 +21,7 @@ from rich.progress import track
 
 from ..actuators.errors import SealegsError
 from ..configs.script import run
+from .adapters import advice
 from .bus import ServoBus
 from .packets import BusError, NotWrittenError, PortError, faults, in_words
 from .registers import ServoModel, load_model, model_names
@@ -189,6 +190,8 @@ def main(arguments: list[str]) -> None:
     config = compose("scan", split(arguments, plain=("port", "set")))
     if config["port"] is None:
         raise SealegsError("port=<path> is missing: name the adapter's port, such as /dev/ttyUSB0.")
+    if (line := advice(str(config["port"]))) is not None:
+        print(line)
     last = checked("last", config["last"], int)
     reboot = checked("reboot", config["reboot"], bool)
     one, new, rate = (checked(key, config[key], int | None) for key in ("id", "new_id", "baudrate"))

@@ -21,10 +21,11 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from ..common.documents import parse_json
+from .adapters import Listing, Whereabouts, plugged
 from .bus import ServoBus
 from .dialects import dialect_of
 from .interface import Bus, Failing
-from .packets import BusError, PortError
+from .packets import BusError, PortError, UnpluggedError, in_words
 from .registers import load_model
 
 BEAT, STARTING, RESTING, DONE, HELD, RELEASE = b".", b"s", b"r", b"d", b"h", b"o"
@@ -68,6 +69,7 @@ class Charge:
         lasting: whether the servos outlive the run; those of a virtual machine that it started do not.
         button: file descriptor of an emergency stop, which the supervisor looks at once the loop is over; None: none.
         bearable: beyond which held servos are released; None: at their own faults only.
+        homes: where the adapters were, by name of the bus; of one that is left out, its path is all there is.
     """
 
     port: str
@@ -84,12 +86,14 @@ class Charge:
     lasting: bool = True
     button: int | None = None
     bearable: Bearable | None = None
+    homes: dict[str, Whereabouts] = field(default_factory=dict)
 
     @classmethod
     def read(cls, text: bytes) -> Charge:
         """The charge that :meth:`written` wrote."""
         row = parse_json(text)
-        return cls(**{**row, "bearable": row["bearable"] and Bearable(**row["bearable"])})
+        homes = {name: Whereabouts.read(home) for name, home in row["homes"].items()}
+        return cls(**{**row, "bearable": row["bearable"] and Bearable(**row["bearable"]), "homes": homes})
 
     def written(self) -> bytes:
         """As one line."""
@@ -97,12 +101,12 @@ class Charge:
 
     def lines(self) -> list[Line]:
         """Each bus with servos."""
-        first = Line("", Opening(self.port, self.baudrate, self.servo, self.timeout), self.ids)
-        rest = [
-            Line(row["bus"], Opening(row["port"], row["baudrate"], row["servo"], self.timeout), row["ids"])
-            for row in self.others
-        ]
-        return [first, *rest] if self.ids else rest
+        first = {"bus": "", "port": self.port, "baudrate": self.baudrate, "servo": self.servo, "ids": self.ids}
+        return [self._line(**row) for row in (first, *self.others) if row["ids"]]
+
+    def _line(self, bus: str, port: str, baudrate: int, servo: str, ids: list[int]) -> Line:
+        opening = Opening(port, baudrate, servo, self.timeout, self.homes.get(bus), ids)
+        return Line(bus, opening, ids)
 
     def load(self) -> None:
         """Read from the disk what opening a bus needs: register tables and SDKs may be gone or changed later.
@@ -116,24 +120,60 @@ class Charge:
 
 @dataclass(frozen=True)
 class Opening:
-    """How to open a bus.
+    """How to open a bus, under whatever name its adapter has by then.
 
     Attributes:
         port, baudrate, servo, timeout: as of :class:`~sealegs.hw.bus.ServoBus`.
+        home: where its adapter was; None: ``port`` is all there is.
+        ids: of its servos, by which an adapter without a serial number and in another socket is known.
+        listed: lists the adapters that are plugged in.
     """
 
     port: str
     baudrate: int
     servo: str
     timeout: float
+    home: Whereabouts | None = None
+    ids: Sequence[int] = ()
+    listed: Listing = plugged
 
     def __call__(self) -> ServoBus:
         """The bus, open.
 
         Raises:
-            PortError: it cannot be opened.
+            PortError: it cannot be opened, or nobody knows which one it is.
         """
-        return ServoBus(self.port, self.baudrate, self.servo, self.timeout)
+        paths, sure = ([self.port], True) if self.home is None else self.home.now(self.listed)
+        if sure:
+            return self._bus(paths[0])
+        found = [bus for path in paths if (bus := self._with_our_servos(path)) is not None]
+        if len(found) == 1:
+            return found[0]
+        for bus in found:
+            bus.close()
+        if found:
+            raise PortError(
+                f"the adapter at {self.port} is gone, and several that came since have {in_words(self.ids)}; unplug "
+                "the others."
+            )
+        raise UnpluggedError(f"the adapter at {self.port} is gone; plug it in again, into the same socket.")
+
+    def _bus(self, path: str) -> ServoBus:
+        return ServoBus(path, self.baudrate, self.servo, self.timeout)
+
+    def _with_our_servos(self, path: str) -> ServoBus | None:
+        """The bus at a port that may be somebody else's: nothing is written there before all of ours have answered."""
+        try:
+            bus = self._bus(path)
+        except PortError:
+            return None
+        try:
+            if all(bus.ping(servo) == bus.model.model_number for servo in self.ids):
+                return bus
+        except BusError:
+            pass
+        bus.close()
+        return None
 
 
 @dataclass(frozen=True)

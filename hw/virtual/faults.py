@@ -19,7 +19,7 @@ KINDS = {
     "late": "replies come so many 'delay' seconds late",
     "silence": "a servo does not hear and does not answer; it holds what it was told last",
     "echo": "the adapter returns what the host sends",
-    "unplug": "the adapter is gone; servos keep what they were told last",
+    "unplug": "the adapter is gone; servos keep what they were told last; it comes back as 'name' where one is given",
     "overheat": "a servo measures 'value' degC",
     "brown_out": "the supply has 'value' volts; below 3.3 V the servos restart with torque off",
     "restart": "a servo restarts with torque off and is silent for 'value' seconds (0.8)",
@@ -53,6 +53,7 @@ class Fault:
         delay: of late replies [s].
         value: temperature [degC], voltage [V] or time [s] where the kind has one; None: 80 degC, 3.8 V, 0.8 s.
         bus: name of the line concerned; None: all.
+        name: link under which an adapter comes back; None: as before.
         done: servos to which a fault of :data:`ONCE` has happened.
     """
 
@@ -65,6 +66,7 @@ class Fault:
     delay: float = 0.05
     value: float | None = None
     bus: str | None = None
+    name: str | None = None
     done: set[int] = field(default_factory=set, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -73,6 +75,8 @@ class Fault:
                 f"there is no fault '{self.kind}'{nearest(self.kind, KINDS)}; there are {', '.join(KINDS)}."
             )
         self.servos = tuple(int(servo) for servo in self.servos)
+        if not isinstance(self.name, str | None):
+            raise FaultError(f"the fault '{self.kind}' takes a path as 'name', not {self.name!r}.")
         if self.value is None:
             self.value = DEFAULTS.get(self.kind)
 

@@ -60,8 +60,9 @@ class Line:
         if data and self.terminal is not None:
             self.terminal.write(data)
 
-    def plug(self, plugged: bool) -> None:
-        """Unplug the adapter, or plug it in."""
+    def plug(self, plugged: bool, name: str | None = None) -> None:
+        """Unplug the adapter, or plug it in; ``name``: link under which it comes back, None: as before."""
+        self._link = self._link if name is None else Path(name)
         if not plugged and self.terminal is not None:
             self.terminal.close()
             self.terminal = None
@@ -181,7 +182,8 @@ class Server:
         self.wire.rig.advance(now)
         self.wire.rig.apply()
         for line in self.lines.values():
-            line.plug(first(line.wire.faults, "unplug", now) is None)
+            away = first(line.wire.faults, "unplug", now)
+            line.plug(away is None, None if away is None else away.name)
 
     def _receive(self, line: Line) -> None:
         if line.terminal is None:
