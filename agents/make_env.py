@@ -37,6 +37,11 @@ def checked_env(env: Mapping[str, Any]) -> dict[str, Any]:
     """
     types = {"id": str} | _env_arguments(env)
     for key in env:
+        if key == "robot" and key not in types:
+            raise SealegsError(
+                f"{env['id']} has a robot of its own and takes no robot={env[key]}; env=track and env=reach take any: "
+                f"sealegs train env=track robot={env[key]}."
+            )
         if key not in types:
             raise SealegsError(f"env.{key} is not an argument of {env['id']}{nearest(key, types)}.")
     values = {key: checked(f"env.{key}", value, types[key]) for key, value in env.items()}

@@ -102,8 +102,8 @@ class BatchEngine:
             SealegsError: one of the arguments does not fit the robot, or a chain takes no position goals.
         """
         self._sound = False  # what the task gives, which the first step looks at
-        if num_envs < 1:
-            raise SealegsError(f"num_envs is {num_envs}; it must be at least 1.")
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise SealegsError(f"num_envs is {num_envs!r}; it must be a whole number of at least 1.")
         self.task, self.num_envs = task, num_envs
         self.numbers = task.robot.parameters(params)
         self.drivetrain = task.robot.drivetrain(actuator, params)

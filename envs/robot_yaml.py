@@ -28,7 +28,8 @@ from .robot_names import in_yaml, name_note
 from .robot_trial import steady
 
 HEAD = """\
-# Robot {name}, written from {model} by sealegs new-robot; edit what is wrong. docs/your-own-robot.md explains it.
+# Robot {name}, written from {model} by sealegs new-robot; edit what is wrong.
+# The page "Your own robot" of the documentation explains each line.
 # Of numbers that the model and a chain can both hold (damping, armature, frictionloss) one counts: the chain's, or the
 # model file's, which then takes the chain's place. They are never added.
 model: {path}   # MJCF or URDF, relative to this file
@@ -39,11 +40,11 @@ joints:   # that servos drive, in the order of goals
 """
 
 TAIL = """\
-deploy:   # for sealegs deploy: what configs/robot/bench.yaml holds of the bench; what is left out is as there
-  servo: sts3215   # table of hw/registers
+deploy:   # for sealegs deploy; what is left out is as with robot=bench
+  servo: sts3215   # model of its servos, such as sts3250, scs0009, xl330_m288
   rest: release   # at the end: release, hold, or sit
   sensors: {{}}   # encoders that drive nothing, such as elbow.link: {{id: 7}}
-  # limits other than those of configs/robot/bench.yaml
+  # limits other than those of robot=bench
   safety:{safety}
 """
 
@@ -223,7 +224,7 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
         )
     if belt is not None:
         lines.append(f"    belt: {_flow(belt)}   # driven is the sum of these joints, times their coefficients")
-    lines.append(f"    chain: {_flow(drive)}   # a word of configs/actuator (sts3215, xl330), a file, or stages")
+    lines.append(f"    chain: {_flow(drive)}   # a chain by its name, such as sts3215 or xl330, a file, or stages")
     low, high = (round(end, 6) for end in joint.range)
     lines.append(f"    range: {_flow([low, high])}   # of its goals [{position}]")
     for key, owner in joint.owners.items():

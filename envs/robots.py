@@ -30,6 +30,8 @@ def get_robot(name: str | Path) -> Robot:
     Raises:
         RobotError: there is none, the message names the nearest one; or its file is wrong.
     """
+    if not isinstance(name, str | Path):
+        raise RobotError(f"a robot is a name or the path of its file, not {name!r}; robots are {', '.join(ROBOTS)}.")
     if is_robot_file(name):
         return _described(Path(name).absolute(), _changed(Path(name)))
     if name not in ROBOTS:

@@ -162,6 +162,18 @@ class ServoRobot:
         Raises:
             ContractError: it is not; the message names the field.
         """
+        try:
+            self._check_contract(contract, rate)
+        except ContractError as error:
+            trained, file = contract.env.get("robot"), self.robot.file
+            if file is None or trained is None or Path(str(trained)).name == file.path.name:
+                raise
+            raise ContractError(
+                f"{str(error).rstrip('.')}. It was trained with robot={trained}, and here it is {file.path.name}: give "
+                "that file."
+            ) from None
+
+    def _check_contract(self, contract: Contract, rate: float | None) -> None:
         from ..envs.contract import task_of
 
         def refuse(field: str, policy: object, here: object, remedy: str) -> None:

@@ -54,6 +54,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return importlib.import_module("importlib.metadata").version("sealegs")
     if name not in _HOMES:
         raise AttributeError(f"module 'sealegs' has no attribute '{name}'")
     module, attribute = _HOMES[name]
@@ -63,7 +65,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({"__version__", *__all__, *(name for name in globals() if name.startswith("__"))})
 
 
 register_environments()

@@ -33,7 +33,9 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0, 2 for wrong input, 130 for Ctrl-C."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0] in ("-h", "--help"):
+    if len(words) > 1 and words[0] == "help":
+        words = [*words[1:], "--help"]
+    if not words or words[0] in ("-h", "--help", "help"):
         width = max(map(len, COMMANDS))
         print("Usage: sealegs <command> key=value ...    sealegs <command> --help\n")
         print("\n".join(f"  {word:{width}s}  {text}" for word, (_, _, text) in COMMANDS.items()))

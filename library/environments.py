@@ -32,6 +32,8 @@ def environment_id(name: str) -> str:
         SealegsError: there is no such environment.
     """
     register_environments()
+    if not isinstance(name, str):
+        raise SealegsError(f"an environment is a name such as 'hopper' or 'path/to/task.py:MyTask', not {name!r}.")
     if is_user_task(name):
         return registered_id(name)
     known = [key for key in gymnasium.registry if key.startswith("SeaLegs/")]

@@ -27,6 +27,22 @@ def test_a_block_is_of_a_command_or_a_text_that_there_is(block: Block) -> None:
     check(block)
 
 
+TABLE = re.compile(r"(?:^[ \t]*\|.*\n)+", re.MULTILINE)
+RULE = re.compile(r"\|(?:\s*:?-+:?\s*\|)+")
+
+
+def cells(row: str) -> int:
+    return len(re.findall(r"(?<!\\)\|", row))
+
+
+@pytest.mark.parametrize("path", [*pages(), *sorted((REPOSITORY / "envs").glob("*/env.py"))], ids=str)
+def test_every_table_has_a_head_and_rows_as_wide_as_it(path: Path) -> None:
+    for table in TABLE.findall(path.read_text(encoding="utf-8") + "\n"):
+        head, rule, *rows = [*table.strip().splitlines(), ""]
+        assert RULE.fullmatch(rule.strip()), f"no head: {head}"
+        assert [row for row in rows if row and cells(row) != cells(head)] == []
+
+
 @pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
 def test_links_of_a_page_lead_somewhere(path: Path) -> None:
     own = {"changelog.md", "contributing.md"}  # the site makes these of the files at the top

@@ -73,6 +73,13 @@ def says(runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], r
     return refuse(joint, Refused(joint, "it is only a test"))
 
 
+def test_joints_one_after_the_other_are_named_and_counted() -> None:
+    told: list[str] = []
+    side_by_side(dict.fromkeys("abc", says), (), (), Request(progress=told.append), 1, lambda joint: None)
+    assert told[0] == "a: at work on a" and told[1].startswith("a: ") and told[1].endswith("; 2 joints left")
+    assert told[3].endswith("; 1 joint left") and told[5].endswith("; 0 joints left")
+
+
 @pytest.mark.long
 def test_processes_of_joints_end_with_a_program_that_is_killed(tmp_path: Path) -> None:
     program = multiprocessing.get_context("spawn").Process(target=diagnoses_for_ever, args=(tmp_path,))

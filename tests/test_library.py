@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from html.parser import HTMLParser
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,9 @@ import pandas as pd
 import pytest
 import sealegs
 from sealegs.actuators.errors import SealegsError
+from sealegs.agents.make_env import checked_env
+from sealegs.cli import main
+from sealegs.commands import new_robot
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.search import journal
 
@@ -34,7 +39,40 @@ def test_importing_the_library_loads_nothing_heavy() -> None:
     heavy = ["torch", "numba", "matplotlib", "scipy", "pandas"]
     code = f"import sealegs, sys; print([name for name in {heavy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
-    assert set(sealegs.__all__) <= set(dir(sealegs))
+    shown = {name for name in dir(sealegs) if not name.startswith("__")}
+    assert shown == set(sealegs.__all__) and "__version__" in dir(sealegs)
+    assert sealegs.__version__ == version("sealegs")
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda folder: sealegs.load_robot(None), "a robot is a name or the path of its file, not None"),  # pyright: ignore[reportArgumentType]
+        (lambda folder: sealegs.make_env("bench", num_envs="4"), "num_envs is '4'; it must be a whole number"),  # pyright: ignore[reportArgumentType]
+        (lambda folder: sealegs.make_env(None), "an environment is a name such as 'hopper'"),  # pyright: ignore[reportArgumentType]
+        (lambda folder: sealegs.diagnose(COLUMNS, sidecar="bench"), "sidecar='bench' is no sidecar; give a dict"),  # pyright: ignore[reportArgumentType]
+        (lambda folder: sealegs.diagnose(folder / "leg.yaml"), "holds no measurements; give the measured log"),
+        (lambda folder: new_robot.main([str(folder)]), "is a folder; name the model in it"),
+        (
+            lambda folder: checked_env({"id": "SeaLegs/Bench-v0", "robot": "leg.yaml"}),
+            "env=track and env=reach take any: sealegs train env=track robot=leg.yaml",
+        ),
+    ],
+)
+def test_what_is_mistaken_for_something_else_is_told_in_a_sentence(
+    call: Callable[[Path], object], says: str, tmp_path: Path
+) -> None:
+    (tmp_path / "leg.yaml").write_text("model: leg.xml\n")
+    with pytest.raises(SealegsError) as refusal:
+        call(tmp_path)
+    assert says in str(refusal.value)
+
+
+def test_help_is_a_word_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["help"]) == 0
+    assert "sealegs <command>" in (whole := capsys.readouterr().out)
+    assert main(["--help"]) == 0 and capsys.readouterr().out == whole
+    assert main(["help", "scan"]) == 0 and "port=/dev/ttyUSB0" in capsys.readouterr().out
 
 
 def test_arrays_and_a_data_frame_are_the_same_run() -> None:

@@ -6,10 +6,14 @@ from pathlib import Path
 import mujoco
 import pytest
 from sealegs.commands import new_robot
+from sealegs.configs.compose import compose
+from sealegs.envs.contract import ContractError, make_contract
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log.types import OTHER
+from sealegs.hw.own_robot import READERS
+from sealegs.hw.robot import build_robot
 
 ARM = """<mujoco><compiler angle="{angle}"/><worldbody><body><joint name="j" axis="0 1 0" {joint}/>
 <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/></body></worldbody>
@@ -47,6 +51,25 @@ def test_a_dampratio_is_the_damping_that_the_engine_makes_of_it(gear: float, tmp
     assert chain.value("ideal.stiffness") == pytest.approx(kp)
     assert chain.value("ideal.damping") == pytest.approx(2.0 * 0.7 * math.sqrt(kp * inertia), rel=1e-3)
     assert "is what the engine makes of dampratio 0.7 of actuator 'p'" in text and "dampratio 0.7" in said
+
+
+def test_what_is_written_names_no_file_of_a_checkout(tmp_path: Path, capsys) -> None:
+    text, _ = written(arm(tmp_path, '<position name="p" joint="j" kp="20"/>'), capsys)
+    comments = "".join(line.partition("#")[2] for line in text.splitlines())
+    assert not [word for word in ("configs/", "docs/", "hw/", ".py") if word in comments]
+
+
+def test_a_policy_of_a_robots_yaml_names_it_where_the_model_alone_is_given(tmp_path: Path, capsys) -> None:
+    model = arm(tmp_path, '<position name="p" joint="j" kp="20" kv="1"/>', 'range="-1 1"')
+    written(model, capsys)
+    yaml = tmp_path / "arm.yaml"
+    yaml.write_text(yaml.read_text().replace("stiffness: 20.0", "stiffness: 15.0"))
+    robots = [build_robot(compose("deploy", {"robot": str(path)}, readers=READERS)["robot"]) for path in (yaml, model)]
+    chains = {name: chain.to_list() for name, chain in robots[0].chains.items()}
+    contract = make_contract({"id": "SeaLegs/Track-v0", "robot": str(yaml)}, chains, 50.0)
+    robots[0].check_contract(contract)
+    with pytest.raises(ContractError, match=r"trained with robot=.*arm\.yaml, and here it is arm\.xml: give that file"):
+        robots[1].check_contract(contract)
 
 
 def test_an_actuator_that_no_servo_can_stand_for_is_named_with_its_file_and_joint(tmp_path: Path) -> None:

@@ -51,8 +51,12 @@ def written(path: Path, joint: str = "s") -> mujoco.MjModel:
     chains = {joint: (Mounted(load_chain(SERVO), f"{joint}.yaml"),)}
     (path.parent / "out").mkdir()
     extended = Extended(data.runs[0].robot, {}, chains, (), digest=robot.file.model.digest)
-    file = write_robot(extended, data, path.parent / "out")
+    staged = path.parent / "out" / "staged"
+    staged.mkdir()
+    file = write_robot(extended, data, staged, path.parent / "out")
     assert file is not None
+    assert str(path.parent) not in file.read_text(encoding="utf-8")  # it goes where its folder goes
+    file = file.rename(path.parent / "out" / file.name)
     return mujoco.MjModel.from_xml_path(str(file))
 
 
@@ -113,6 +117,15 @@ def test_a_written_model_finds_a_height_field_where_it_lies(tmp_path: Path) -> N
     )
     path = model_file(tmp_path, f'<geom type="hfield" hfield="h" pos="0 0 -3"/>{ROUND}', before=before)
     assert written(path).nhfield == 1
+
+
+def test_a_written_model_is_found_complete_where_its_folder_and_the_models_are_moved_to(tmp_path: Path) -> None:
+    before = '<compiler meshdir="meshes"/><asset><mesh name="m" file="m.stl"/></asset>'
+    first = tmp_path / "first"
+    solid(first / "meshes/m.stl")
+    assert written(model_file(first, MESH, before=before)).nmesh == 1
+    moved = first.rename(tmp_path / "moved")
+    assert mujoco.MjModel.from_xml_path(str(moved / "out" / "extended.xml")).nmesh == 1
 
 
 ATTACHED = '<frame pos="0 0 .2"><attach model="c" body="u" prefix="L_"/></frame>'

@@ -110,7 +110,12 @@ class ReachEnv(SingleEnv, task=ReachTask):
     | 3k to 4k-1 | last action   | memory                                                           | -              |
 
     ## Rewards
-    Those of `TrackEnv`, with the pose as the target.
+    The reward is ***tracking - smooth - energy***; `info` holds each term, and the flags `net_out_of_range` and
+    `unstable` (see `HopperEnv`). $e_j$ is the distance of joint j from the target over half of its range.
+
+    - *reward_tracking*: $w_{tracking}$ times the mean over joints of $\exp(-|e_j| / tolerance)$.
+    - *reward_smooth*: $-w_{smooth}$ times the mean squared change of the action.
+    - *reward_energy*: $-w_{energy} \sum |\tau_j \omega_j|$ of the motors [W].
 
     ## Starting State
     The robot is at rest at its start, with uniform noise of $\pm$ `start_noise` times half of each joint's range. The
@@ -134,10 +139,10 @@ class ReachEnv(SingleEnv, task=ReachTask):
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
     | `reach`           | float             | `0.8`      | see Starting State |
-    | `tolerance`       | float             | `0.05`     | see `TrackEnv` |
-    | `tracking_weight` | float             | `1.0`      | see `TrackEnv` |
-    | `smooth_weight`   | float             | `0.05`     | see `TrackEnv` |
-    | `energy_weight`   | float             | `0.0`      | see `TrackEnv` [1/W] |
+    | `tolerance`       | float             | `0.05`     | see Rewards: scale of an error, as a share of half the range |
+    | `tracking_weight` | float             | `1.0`      | see Rewards |
+    | `smooth_weight`   | float             | `0.05`     | see Rewards |
+    | `energy_weight`   | float             | `0.0`      | see Rewards [1/W] |
     | `start_noise`     | float             | `0.02`     | see Starting State |
     | `width`, `height` | int               | `640, 480` | of the picture [px] |
 

@@ -53,6 +53,11 @@ def measured_set(
     if not several:
         raise LogError("there is no run in the log; give one run or more.")
     sidecars = [None] * len(several) if sidecar is None else sidecar
+    if isinstance(sidecars, str) or not isinstance(sidecars, Mapping | Sequence):
+        raise LogError(
+            f"sidecar={sidecar!r} is no sidecar; give a dict such as {{'robot': 'bench', 'robot_params': {{...}}, "
+            "'actuators': {'<joint>': '<chain>'}}, or one for each run."
+        )
     if isinstance(sidecars, Mapping):
         sidecars = [sidecars] * len(several)
     if len(sidecars) != len(several):

@@ -62,6 +62,11 @@ def log_files(path: Path) -> list[Path]:
             f"{path}: no such file or folder; give a measured log or a folder of them, as sealegs deploy and sealegs "
             "import write them"
         )
+    elif is_robot_file(path):
+        raise LogError(
+            f"{path}: describes a robot or a log and holds no measurements; give the measured log (its name ends in "
+            f"{' or '.join(ENDINGS)}), or a folder of them"
+        )
     stems: dict[str, Path] = {}
     for file in files:
         if file.stem in stems:

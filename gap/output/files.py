@@ -90,7 +90,7 @@ def write_diagnosis(
         extended, confirmed = hand_over(diagnoses, recorded, progress)
         if extended is not None:
             written["extended"] = write_extended(extended, staged, folder)
-            if (robot := write_robot(extended, data, staged)) is not None:
+            if (robot := write_robot(extended, data, staged, folder)) is not None:
                 written["robot"] = robot
         written["json"] = staged / FILE
         document = whole(documents, data.name, [run.name for run in data.runs])

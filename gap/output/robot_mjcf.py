@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -21,10 +22,17 @@ from .mjcf import native_text, not_native
 FILE = "extended.xml"
 
 
-def write_robot(extended: Extended, data: MeasuredSet, folder: Path) -> Path | None:
+def write_robot(extended: Extended, data: MeasuredSet, folder: Path, final: Path | None = None) -> Path | None:
     """Write the model with friction, damping, armature, masses, inertias, stops and actuators as they were found.
 
-    Actuators have the file's names and control ranges, as far as these are of goals; its keyframes are kept.
+    Actuators have the file's names and control ranges, as far as these are of goals; its keyframes are kept. Meshes
+    stay where they are, and their paths lead there from the folder that it is in at last.
+
+    Args:
+        extended: what was found.
+        data: the log.
+        folder: to write into.
+        final: that the folder's content is moved to; None: it stays.
 
     Returns:
         The path; None for the collection's own robots, and where what was found does not go into the model.
@@ -40,7 +48,7 @@ def write_robot(extended: Extended, data: MeasuredSet, folder: Path) -> Path | N
         return None
     source = robot.file.model.path
     _name_whole_paths(drivetrain.spec, drivetrain.model, source.parent)
-    written = _Written(robot.file, drivetrain)
+    written = _Written(robot.file, drivetrain, final or folder)
     note = (
         f"{source.name} as diagnosed, for plain MuJoCo; controls are position goals, or torques where the log commands "
         f"torques. Left out: {'; '.join(written.left) or 'nothing'}."
@@ -56,11 +64,12 @@ def write_robot(extended: Extended, data: MeasuredSet, folder: Path) -> Path | N
 class _Written:
     """A model as text, and what of its file is left out in it or means something else, a phrase each."""
 
-    def __init__(self, file: RobotFile, drivetrain: Drivetrain) -> None:
+    def __init__(self, file: RobotFile, drivetrain: Drivetrain, folder: Path) -> None:
         self._file, self._drivetrain = file, drivetrain
         self._full = file.model.with_actuators()
         self._controls = FileControls(self._full)
         self._root = ElementTree.fromstring(native_text(drivetrain.spec.to_xml(), drivetrain.chains))
+        _lead_from(self._root, folder)
         missing = {name: left for name, chain in drivetrain.chains.items() if (left := not_native(chain))}
         self.left = [f"{name}: {', '.join(left)}" for name, left in missing.items()]
         self.changed: list[str] = []
@@ -162,7 +171,7 @@ def _row(values: object) -> str:
 
 
 def _name_whole_paths(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) -> None:
-    """Name files of meshes, height fields, skins and textures by whole paths: they stay where they are.
+    """Name files of meshes, height fields, skins and textures by whole paths, by which they are found from anywhere.
 
     Args:
         spec: of the model; it is changed.
@@ -181,3 +190,24 @@ def _name_whole_paths(spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path) 
             if (start := int(addresses[item.id])) >= 0:
                 name = model.paths[start:].split(b"\0", 1)[0].decode()
                 item.file = str((folder / name).resolve())
+
+
+def _lead_from(root: ElementTree.Element, folder: Path) -> None:
+    """Let whole paths of a model lead to the same files from the folder that it is in, wherever both are moved."""
+    bases = {}
+    for compiler in root.iter("compiler"):
+        for key in {"meshdir", "texturedir", "assetdir"} & compiler.attrib.keys():
+            bases[key] = compiler.attrib[key]
+            compiler.set(key, _from(bases[key], folder.resolve()))
+    for item in (item for asset in root.iter("asset") for item in asset):
+        base = bases.get("texturedir" if item.tag == "texture" else "meshdir", bases.get("assetdir"))
+        if Path(name := item.attrib.get("file", "")).is_absolute():
+            item.set("file", _from(name, folder.resolve() if base is None else Path(base)))
+
+
+def _from(path: str, folder: Path) -> str:
+    """A path as it is reached from a folder."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # on another drive
+        return path

@@ -54,7 +54,13 @@ def side_by_side(
     joints = list(tasks)
     workers = (cores() if len(joints) >= MANY else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
-        return [_told(diagnose(runs, joint, findings, request), done) for joint, diagnose in tasks.items()]
+        in_turn = []
+        for number, (joint, diagnose) in enumerate(tasks.items(), 1):
+            own = request if len(joints) < 2 else replace(request, progress=_named(joint, request.progress))
+            in_turn.append(_told(diagnose(runs, joint, findings, own), done))
+            if len(joints) > 1:
+                request.progress(_ended(in_turn[-1], len(joints) - number))
+        return in_turn
     fits, size = kept_at(), min(workers, len(joints))
     threads = _threads()  # all for each: as joints are done, the others have the cores to themselves
     found: dict[str, JointDiagnosis] = {}
@@ -77,7 +83,7 @@ def side_by_side(
                 for future in ended:
                     joint = asked[future]
                     found[joint] = _told(future.result(), done)
-                    request.progress(Milestone(f"{joint}: {found[joint].verdict}"))
+                    request.progress(_ended(found[joint], len(joints) - len(found)))
         except BrokenProcessPool:
             request.progress("a process ended without a result; going on in this one")
         except BaseException:  # also when the person stops it
@@ -103,6 +109,21 @@ def _told(joint: JointDiagnosis, done: Callable[[JointDiagnosis], None]) -> Join
     return joint
 
 
+def _ended(joint: JointDiagnosis, left: int) -> Milestone:
+    """That a joint is done, and how many are left."""
+    return Milestone(f"{joint.joint}: {joint.verdict}; {left} joint{'s' * (left != 1)} left")
+
+
+def _named(joint: str, progress: Progress) -> Progress:
+    """A progress that says which joint it is at."""
+
+    def say(text: str) -> None:
+        line = f"{joint}: {text}"
+        progress(Milestone(line) if isinstance(text, Milestone) else line)
+
+    return say
+
+
 @dataclass(frozen=True)
 class Said:
     """What a joint is at, on its way to the process that asked for it.
@@ -116,10 +137,9 @@ class Said:
     queue: Any
 
     def __call__(self, text: str) -> None:
-        line = f"{self.joint}: {text}"
         if self.queue is not None:
             with suppress(*LOST):
-                self.queue.put(Milestone(line) if isinstance(text, Milestone) else line)
+                _named(self.joint, self.queue.put)(text)
 
 
 @contextmanager

@@ -30,6 +30,10 @@ def main(arguments: list[str]) -> None:
     if len(files) != 1:
         raise SealegsError("name one model: sealegs new-robot my_arm.xml (an MJCF or URDF).")
     model = Path(files[0])
+    if not files[0] or model.is_dir():
+        raise SealegsError(
+            f"'{files[0]}' is a folder; name the model in it: sealegs new-robot my_arm.xml (an MJCF or URDF)."
+        )
     out = Path(given.get("out") or model.with_suffix(".yaml"))
     for sentence in write_robot_yaml(model, out, given.get("chain"), OTHER, assumed_limits):
         print(f"  {sentence}")
