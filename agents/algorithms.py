@@ -100,8 +100,8 @@ def normalized(env: VecEnv, agent: Mapping[str, Any], training: bool) -> VecEnv:
     return wrapped
 
 
-def build(agent: Mapping[str, Any], env: VecEnv, seed: int) -> BaseAlgorithm:
-    """New learner for ``env`` with the arguments of a checked ``agent`` config.
+def build(agent: Mapping[str, Any], env: VecEnv, seed: int | None) -> BaseAlgorithm:
+    """New learner for ``env`` with the arguments of a checked ``agent`` config; without a ``seed`` none is set.
 
     Raises:
         SealegsError: Stable-Baselines3 refuses the arguments.

@@ -15,6 +15,7 @@ from ..configs.compose import compose, override, split
 
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
 _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video")
+_NAMED = ("resume", "env", "trust")  # which run, the file of its task, and whether its pickles may be loaded
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ class TrainConfig:
 class Request:
     """The request of the command line: a new run of ``config`` in ``out``, or resuming the run at ``resume``.
 
-    ``overrides`` are the arguments that change the stored config of a resumed run.
+    ``overrides`` are the arguments that change the stored config of a resumed run. ``task`` names the file of its task,
+    ``trust`` says that the pickles of an earlier version may be loaded.
     """
 
     config: TrainConfig | None
@@ -79,6 +81,8 @@ class Request:
     name: str | None
     resume: Path | None
     overrides: dict[str, str]
+    task: str | None = None
+    trust: bool = False
 
 
 def read_config(arguments: Sequence[str]) -> Request:
@@ -90,15 +94,16 @@ def read_config(arguments: Sequence[str]) -> Request:
     pairs = split(arguments, plain=("actuator", "env", "extended", "name", "out", "resume", "robot"))
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
-        overrides = {key: value for key, value in pairs.items() if key != "resume"}
+        own = override({"resume": "", "env": None, "trust": False}, {k: pairs.pop(k) for k in _NAMED if k in pairs})
+        overrides = pairs
         for key in overrides:
             if key.partition(".")[0] not in _RESUMABLE:
                 raise SealegsError(
                     f"A resumed run keeps its config, so {key} cannot be given with resume; "
                     f"what can: {', '.join(_RESUMABLE)}."
                 )
-        path = override({"resume": ""}, {"resume": resume})["resume"]
-        return Request(None, Path(), None, Path(str(path)), overrides)
+        task, trust = checked("env", own["env"], str | None), checked("trust", own["trust"], bool)
+        return Request(None, Path(), None, Path(str(own["resume"])), overrides, task, trust)
     if pairs.get("robot", "null") not in ("", "null"):  # a robot of one's own has the tasks that any robot has
         pairs = {"env": "track", **pairs}
     plain = compose("train", pairs, _extra_keys, {"env": _own_task})
@@ -108,16 +113,19 @@ def read_config(arguments: Sequence[str]) -> Request:
     out = checked("out", plain.pop("out"), str)
     name = checked("name", plain.pop("name"), str | int | None)
     plain.pop("resume")
+    if plain.pop("trust"):
+        raise SealegsError("trust= is for a run that is resumed: leave it out, or say which, resume=<run>.")
     plain = _extended(plain)
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {})
 
 
 def _own_task(word: str) -> dict[str, Any]:
     """The config group ``env`` of a task in a file of the user's."""
-    from ..envs.any_robot.user import absolute, is_user_task
+    from ..envs.any_robot.user import absolute, is_user_task, user_id
 
     if not is_user_task(word):
         raise SealegsError(f"env={word} is no task; a task of your own is given as path/to/task.py:MyTask.")
+    user_id(word)
     return {"id": absolute(word), "randomization": None}
 
 
@@ -134,9 +142,26 @@ def _extended(plain: dict[str, Any]) -> dict[str, Any]:
     return {**plain, "actuator": actuator, "env": {**env, "params": params}}
 
 
-def with_overrides(stored: Mapping[str, Any], overrides: Mapping[str, str]) -> TrainConfig:
-    """Config of a resumed run: the stored one, with the overrides that are allowed."""
-    return train_config(override(dict(stored), overrides))
+def with_overrides(
+    stored: Mapping[str, Any], overrides: Mapping[str, str], where: str, task: str | None = None
+) -> TrainConfig:
+    """Config of a resumed run: the stored one, with the overrides that are allowed.
+
+    Args:
+        stored: of the run's ``config.yaml``, which is data: no code runs because it names it.
+        overrides: of the command line.
+        where: the run, for messages.
+        task: the file of the run's task, as the command line names it.
+
+    Raises:
+        SealegsError: as :func:`train_config`, or the run's task is code that nobody named.
+    """
+    from ..envs.any_robot.user import trained_in
+
+    if "${" in json.dumps(stored, default=str):  # OmegaConf would fill in variables of the person's environment
+        raise SealegsError(f"{where}: its config.yaml holds '${{'; write out what it stands for.")
+    env = trained_in(checked("env", stored.get("env"), dict[str, Any]), where, task, "env")
+    return train_config(override({**stored, "env": env}, overrides))
 
 
 def train_config(plain: Mapping[str, Any]) -> TrainConfig:

@@ -5,29 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from ..common.documents import read_json
-from .algorithms import algorithm
+from ..envs.any_robot.user import trained_in
 from .make_env import Actuator, make_vec_env
+from .policy_files import load_policy
 
 
-def mean_reward(policy: Path, actuator: Actuator, episodes: int = 16, seed: int = 0) -> float:
+def mean_reward(
+    policy: Path, actuator: Actuator, episodes: int = 16, seed: int = 0, task: str | None = None, trust: bool = False
+) -> float:
     """Mean episode reward of a saved policy with the chain ``actuator`` in its robot.
 
     Args:
-        policy: folder with ``model.zip``, ``policy.json`` and, where there was a normaliser, ``vecnormalize.pkl``.
+        policy: folder with ``policy.safetensors`` and ``policy.json``.
         actuator: name or path of a chain, or chains by joint.
         episodes: to average over; they start alike for equal seeds, whatever the policy.
         seed: of the episodes.
+        task, trust: as of :func:`sealegs.agents.export.export_policy`.
     """
-    description = read_json(policy / "policy.json")
-    env: VecEnv = make_vec_env(description["env"], actuator, episodes, seed)
-    if (policy / "vecnormalize.pkl").is_file():
-        env = VecNormalize.load(str(policy / "vecnormalize.pkl"), env)
-        env.training = env.norm_reward = False
-    model = algorithm(description["algorithm"]).load(policy / "model.zip")
-    rewards, _ = evaluate_policy(model, env, n_eval_episodes=episodes, return_episode_rewards=True)
+    act, description = load_policy(policy, trust)
+    env = make_vec_env(trained_in(description["env"], str(policy), task), actuator, episodes, seed)
+    observation, rewards = env.reset(), np.full(episodes, np.nan)
+    while np.isnan(rewards).any():
+        env.step_async(act(observation))
+        observation, _, done, infos = env.step_wait()
+        for number in np.flatnonzero(done & np.isnan(rewards)):
+            rewards[number] = infos[number]["episode"]["r"]
     env.close()
     return float(np.mean(rewards))

@@ -2,6 +2,9 @@
 
     sealegs export runs/first/final            writes runs/first/final/policy.onnx
     sealegs export runs/first/best leg.onnx
+    sealegs export runs/mine/best task=mine.py:Mine    of a task in a file of one's own: it is run, so name it
+    sealegs export from-elsewhere trust=true   reads a model.zip of Stable-Baselines3, whose author can run code here,
+                                               and writes policy.safetensors beside it, which cannot
 
 The graph holds the normaliser, the network, and the conversion of actions to goals: a scale, a gait that they correct,
 or a generator that they modulate, with its clock and memory. The metadata holds the contract with the robot. The graph
@@ -27,14 +30,17 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.sac.policies import SACPolicy
 
 from ..actuators.errors import SealegsError
-from ..common.documents import read_json
+from ..configs.check import checked
+from ..configs.compose import override, split
 from ..configs.script import run
+from ..envs.any_robot.user import trained_in
 from ..envs.contract import KEY, Contract, ContractError, make_contract
 from .action_pipeline import ActionPipeline
-from .algorithms import algorithm
-from .policy_files import seen_as_trained, unreadable
+from .policy_files import load_model, seen_as_trained
 from .policy_graph import PolicyGraph
 from .traced import TracingError
+from .weights import FILE as WEIGHTS
+from .weights import write_weights
 
 FILE = "policy.onnx"
 PARITY = 1e-5
@@ -45,23 +51,26 @@ class ExportError(SealegsError):
     """A policy that cannot be written as ONNX."""
 
 
-def export_policy(folder: Path, out: Path | None = None) -> Path:
+def export_policy(folder: Path, out: Path | None = None, task: str | None = None, trust: bool = False) -> Path:
     """Write a saved policy as ONNX.
 
     Args:
-        folder: with ``model.zip`` and ``policy.json``, as ``train.py`` writes them.
+        folder: with ``policy.safetensors`` and ``policy.json``, as ``train.py`` writes them.
         out: file to write; None: ``policy.onnx`` in the folder.
+        task: ``path/to/task.py:MyTask`` that it was trained in, where that is a file of one's own.
+        trust: read Stable-Baselines3's ``model.zip``, which can run code, where the folder has no
+            ``policy.safetensors``; that is written then.
 
     Raises:
-        ExportError: there is no policy in the folder, its network has other than dense layers, or the file exists.
+        SealegsError: there is no policy in the folder that may be read, its network has other than dense layers, or the
+            file exists.
     """
-    out = folder / FILE if out is None else out
-    try:
-        description = read_json(folder / "policy.json")
-        model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
-    except (OSError, ValueError, LookupError) as error:
-        raise ExportError(unreadable(folder, error)) from error
-    return write_onnx(out, model, description)
+    model, description = load_model(folder, trust)
+    description["env"] = trained_in(description["env"], str(folder), task)
+    written = write_onnx(folder / FILE if out is None else out, model, description)
+    if not (folder / WEIGHTS).is_file():
+        write_weights(folder, model)
+    return written
 
 
 def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) -> Path:
@@ -142,9 +151,13 @@ def _compare(
 
 def main(arguments: list[str]) -> None:
     """Export the policy that the command line names."""
-    if not 1 <= len(arguments) <= 2:
+    files = [word for word in arguments if not word.startswith(("task=", "trust="))]
+    named = split([word for word in arguments if word not in files], plain=("task",))
+    keys = override({"task": None, "trust": False}, named)
+    if not 1 <= len(files) <= 2:
         raise ExportError("give the folder of a policy, such as runs/first/final, and perhaps a file to write.")
-    print(export_policy(Path(arguments[0]), Path(arguments[1]) if len(arguments) == 2 else None))
+    task, trust = checked("task", keys["task"], str | None), checked("trust", keys["trust"], bool)
+    print(export_policy(Path(files[0]), Path(files[1]) if len(files) == 2 else None, task, trust))
 
 
 if __name__ == "__main__":

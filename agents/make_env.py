@@ -12,7 +12,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from ..actuators.errors import SealegsError, nearest
 from ..configs.check import arguments, checked
-from ..envs import registered_id
+from ..envs import known_id
 from ..envs.randomization import read_randomization
 from ..envs.robot_file import is_robot_file
 from ..envs.sb3 import BatchVecEnv
@@ -54,15 +54,13 @@ def checked_env(env: Mapping[str, Any]) -> dict[str, Any]:
 
 def make_vec_env(env: Mapping[str, Any], actuator: Actuator, num_envs: int, seed: int) -> BatchVecEnv:
     """``num_envs`` simulations of a checked ``env`` config, with the chain ``actuator``."""
-    return BatchVecEnv(env["id"], num_envs, seed=seed, actuator=actuator, **_keywords(env))
+    return BatchVecEnv(known_id(env["id"]), num_envs, seed=seed, actuator=actuator, **_keywords(env))
 
 
 def make_single_env(env: Mapping[str, Any], actuator: Actuator, width: int, height: int) -> gymnasium.Env:
     """One simulation that draws itself into arrays of ``height`` x ``width`` x 3."""
     size = {"width": width, "height": height}
-    return gymnasium.make(
-        registered_id(env["id"]), render_mode="rgb_array", actuator=actuator, **size, **_keywords(env)
-    )
+    return gymnasium.make(known_id(env["id"]), render_mode="rgb_array", actuator=actuator, **size, **_keywords(env))
 
 
 def stream_seed(seed: int, *stream: int) -> int:
@@ -78,6 +76,6 @@ def _keywords(env: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _env_arguments(env: Mapping[str, Any]) -> dict[str, Any]:
-    entry = gymnasium.spec(registered_id(str(env["id"]))).entry_point
+    entry = gymnasium.spec(known_id(str(env["id"]))).entry_point
     creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
     return arguments(creator, _TAKEN)

@@ -15,11 +15,23 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from ..actuators.errors import SealegsError
 from ..common.documents import read_json
-from .algorithms import algorithm
+from .weights import FILE, ZIP, UntrustedError, read_weights, read_zip, write_weights
 
 
 def save_policy(folder: Path, model: BaseAlgorithm, description: dict[str, Any]) -> None:
-    """Write ``model.zip``, ``vecnormalize.pkl`` (with a normaliser) and ``policy.json`` into ``folder``.
+    """Write ``policy.safetensors`` and ``policy.json``, which hold all of a policy.
+
+    Raises:
+        OSError: the disk is full.
+    """
+    write_weights(folder, model)
+    (folder / "policy.json").write_text(
+        json.dumps(describe(model, model.get_vec_normalize_env()) | description, indent=2)
+    )
+
+
+def save_for_sb3(folder: Path, model: BaseAlgorithm) -> None:
+    """Write ``model.zip`` and ``vecnormalize.pkl`` for users of Stable-Baselines3; nothing here reads them.
 
     Raises:
         OSError: the disk is full.
@@ -28,11 +40,9 @@ def save_policy(folder: Path, model: BaseAlgorithm, description: dict[str, Any])
         io.BytesIO()
     )  # torch reports a full disk as a RuntimeError without a reason; a plain write says what it is
     model.save(archive)
-    (folder / "model.zip").write_bytes(archive.getvalue())
-    normalizer = model.get_vec_normalize_env()
-    if normalizer is not None:
+    (folder / ZIP).write_bytes(archive.getvalue())
+    if (normalizer := model.get_vec_normalize_env()) is not None:
         normalizer.save(str(folder / "vecnormalize.pkl"))
-    (folder / "policy.json").write_text(json.dumps(describe(model, normalizer) | description, indent=2))
 
 
 def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str, Any]:
@@ -53,27 +63,42 @@ def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str,
     return {"step": model.num_timesteps, "observation": observation, "action": action}
 
 
-def unreadable(folder: Path, error: Exception) -> str:
-    """The error message for a folder that :func:`load_policy` cannot load."""
-    missing = next((name for name in ("policy.json", "model.zip") if not (folder / name).is_file()), None)
-    why = f"it has no {missing}" if missing else str(error)
-    return f"{folder} holds no policy that can be read ({why}); give a run's best/ or final/."
+def load_model(folder: Path, trust: bool = False) -> tuple[BaseAlgorithm, dict[str, Any]]:
+    """The model of a saved policy, for acting, and its description.
 
-
-def load_policy(folder: Path) -> tuple[Callable[[np.ndarray], np.ndarray], dict[str, Any]]:
-    """A saved policy as a function from observations (n, size) to deterministic actions (n, k), and its description.
+    Args:
+        folder: with ``policy.json`` and ``policy.safetensors``, such as a run's ``best/``.
+        trust: read ``model.zip`` of Stable-Baselines3 where there is no ``policy.safetensors``. It can run code.
 
     Raises:
-        SealegsError: ``folder`` holds no policy that can be read.
+        SealegsError: ``folder`` holds no policy that can be read, or only one that nobody said to trust.
     """
     try:
         description = read_json(folder / "policy.json")
-        model = algorithm(description["algorithm"]).load(folder / "model.zip", device="cpu")
-        seen = description["observation"]
+        if not isinstance(description, dict):
+            raise SealegsError("its policy.json holds no mapping")
+        if (folder / FILE).is_file():
+            model = read_weights(folder, description)
+        else:
+            model = read_zip(folder, description["algorithm"], trust, device="cpu")
+        description["observation"], description["env"], description["actuators"]
+    except UntrustedError:
+        raise
     except (OSError, ValueError, LookupError) as error:
-        raise SealegsError(unreadable(folder, error)) from error
+        why = str(error).rstrip(".") if not isinstance(error, KeyError) else f"its policy.json has no {error}"
+        raise SealegsError(
+            f"{folder} holds no policy that can be read ({why}); give a run's best/ or final/."
+        ) from error
+    return model, description
 
-    seen_by = seen_as_trained(seen)
+
+def load_policy(folder: Path, trust: bool = False) -> tuple[Callable[[np.ndarray], np.ndarray], dict[str, Any]]:
+    """A saved policy as a function from observations (n, size) to deterministic actions (n, k), and its description.
+
+    Arguments and errors as of :func:`load_model`.
+    """
+    model, description = load_model(folder, trust)
+    seen_by = seen_as_trained(description["observation"])
 
     def act(observation: np.ndarray) -> np.ndarray:
         return model.predict(seen_by(observation), deterministic=True)[0]

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from ..actuators.errors import SealegsError
 from ..envs.sb3 import BatchVecEnv
 from .run_folder import RunFolder
 
@@ -37,9 +38,16 @@ def read_chains(run: RunFolder) -> dict[str, Any]:
     """
     kept = run.read_yaml(_FILE)
     for _, net in _nets(kept):
+        if Path(str(net["file"])).name != net["file"]:
+            raise SealegsError(f"{run.path / _FILE} names the net {net['file']}; a run's nets lie in its folder.")
         net["file"] = str((run.path / net["file"]).resolve())
     return kept
 
 
 def _nets(kept: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    return [(joint, stage["net"]) for joint, stages in kept.items() for stage in stages if "net" in stage]
+    return [
+        (joint, stage["net"])
+        for joint, stages in kept.items()
+        for stage in (stages if isinstance(stages, list) else [])
+        if isinstance(stage, dict) and isinstance(stage.get("net"), dict) and "file" in stage["net"]
+    ]

@@ -6,8 +6,8 @@ sources.json     digests of the files of robot and task, which a resumed run com
 run.json         git revision, versions, and each session with its command line
 tensorboard/     event files
 evaluations.npz  as EvalCallback writes them
-checkpoints/     <steps>/: policy, normaliser, replay buffer, state
-best/, final/    model.zip, vecnormalize.pkl, policy.json, policy.onnx
+checkpoints/     <steps>/: policy, learner with normaliser, replay buffer (safetensors), state
+best/, final/    policy.safetensors, policy.json, policy.onnx; model.zip, vecnormalize.pkl for users of SB3 alone
 video.mp4
 """
 

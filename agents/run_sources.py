@@ -32,6 +32,8 @@ def check_sources(run: RunFolder, env_id: str, env: BatchVecEnv) -> None:
     if not (run.path / _FILE).is_file():
         return
     before, now = run.read_yaml(_FILE), _digests(env_id, env)
+    if sorted(map(str, before.values())) == sorted(now.values()):  # the same files, perhaps in another place
+        return
     changed = sorted(path for path in {**before, **now} if before.get(path) != now.get(path))
     if changed:
         verb = "have" if len(changed) > 1 else "has"

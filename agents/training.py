@@ -20,6 +20,7 @@ from ..actuators.atomic import written
 from ..actuators.errors import SealegsError
 from ..common.documents import read_json
 from ..configs.script import Interrupted
+from ..envs.any_robot.user import is_user_task
 from ..envs.sb3 import BatchVecEnv
 from ..envs.task import ModulatedTask
 from .algorithms import build, normalized
@@ -28,7 +29,7 @@ from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluati
 from .config import Request, TrainConfig, with_overrides
 from .export import FILE, ExportError, write_onnx
 from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
-from .policy_files import policy_of, policy_reward, policy_step, save_policy
+from .policy_files import policy_of, policy_reward, policy_step, save_for_sb3, save_policy
 from .run_chains import chains, read_chains, write_chains
 from .run_folder import RunFolder
 from .run_sources import check_sources, write_sources
@@ -50,13 +51,14 @@ def train(request: Request) -> Path:
     """
     if request.resume is not None:
         run = RunFolder.open(request.resume)
-        with contextlib.closing(run), _disk_errors(run):
-            Session.resumed(run, with_overrides(run.read_config(), request.overrides)).learn()
+        with contextlib.closing(run), _disk_errors(run, request.task):
+            config = with_overrides(run.read_config(), request.overrides, str(run.path), request.task)
+            Session.resumed(run, config, request.trust).learn()
     else:
         assert request.config is not None
         session = Session.started(request.config, request.out, request.name)
         run = session.run
-        with contextlib.closing(run), _disk_errors(run):
+        with contextlib.closing(run), _disk_errors(run, _own_task(request.config)):
             session.learn()
     return run.path
 
@@ -95,7 +97,7 @@ class Session:
         robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
         actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.chains.values()))
         run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
-        with _disk_errors(run):
+        with _disk_errors(run, _own_task(config)):
             write_chains(run, env)
             write_sources(run, config.env["id"], env)
             run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
@@ -103,13 +105,16 @@ class Session:
         return cls(run, config, model, env)
 
     @classmethod
-    def resumed(cls, run: RunFolder, config: TrainConfig) -> Session:
-        """Run that resumes from its newest complete checkpoint, or from the start if it has none."""
+    def resumed(cls, run: RunFolder, config: TrainConfig, trust: bool = False) -> Session:
+        """Run that resumes from its newest complete checkpoint, or from the start if it has none.
+
+        With ``trust``, pickles of earlier versions are read where a checkpoint has nothing else.
+        """
         actuator = read_chains(run)
         torch.set_num_threads(config.threads)
         env = make_vec_env(config.env, actuator, config.n_envs, config.seed)
         check_sources(run, config.env["id"], env)
-        loaded = load_newest(run, config.agent, env)
+        loaded = load_newest(run, config.agent, env, trust)
         if loaded is None:
             print(f"{run.path} has no checkpoint yet: starting from step 0.")
             model, env = _new_learner(config, actuator)
@@ -174,8 +179,7 @@ class Session:
         reward = self.evaluation.evaluate(self.model)
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
         with self.run.writing("final") as folder:
-            save_policy(folder, self.model, self.description)
-            self._export(folder)
+            self._save(folder, self.description)
         print(f"Mean evaluation reward {reward:.4g}.", flush=True)
         self._film()
 
@@ -185,8 +189,12 @@ class Session:
 
     def _save_best(self) -> None:
         with self.run.writing("best") as folder:
-            save_policy(folder, self.model, self.description | {"mean_reward": self.evaluation.last_mean_reward})
-            self._export(folder)
+            self._save(folder, self.description | {"mean_reward": self.evaluation.last_mean_reward})
+
+    def _save(self, folder: Path, description: dict[str, Any]) -> None:
+        save_policy(folder, self.model, description)
+        save_for_sb3(folder, self.model)
+        self._export(folder)
 
     def _export(self, folder: Path) -> None:
         """Write ``policy.onnx``, which ``deploy.py`` runs; other kinds of policies are kept all the same."""
@@ -226,7 +234,7 @@ class Session:
     def _how_to_resume(self, what: str) -> str:
         found = checkpoints(self.run)
         where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
-        return f"{what}; go on from {where} with: sealegs train resume={self.run.path}"
+        return f"{what}; go on from {where} with: {_resume_command(self.run, _own_task(self.config))}"
 
 
 def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:
@@ -234,6 +242,16 @@ def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm
     seed = stream_seed(config.seed, _TRAINING)
     env = make_vec_env(config.env, actuator, config.n_envs, seed)
     return build(config.agent, normalized(env, config.agent, training=True), seed), env
+
+
+def _own_task(config: TrainConfig) -> str | None:
+    """The task of a run, where it is a file's: whoever resumes the run has to name it again."""
+    word = str(config.env["id"])
+    return word if is_user_task(word) else None
+
+
+def _resume_command(run: RunFolder, task: str | None) -> str:
+    return f"sealegs train resume={run.path}" + (f" env={task}" if task else "")
 
 
 def _unfinished(run: RunFolder, config: TrainConfig, step: int) -> bool:
@@ -263,8 +281,8 @@ def _interface(env: BatchVecEnv) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _disk_errors(run: RunFolder) -> Iterator[None]:
-    """Turn a full disk into an error message that says what is saved."""
+def _disk_errors(run: RunFolder, task: str | None) -> Iterator[None]:
+    """Turn a full disk into an error message that says what is saved; ``task`` as of :func:`_own_task`."""
     previous = threading.excepthook
 
     def silent_if_full(thread_failure: Any) -> None:
@@ -281,7 +299,7 @@ def _disk_errors(run: RunFolder) -> Iterator[None]:
         found = checkpoints(run)
         safe = f"its checkpoint at step {int(found[0].name)} is complete" if found else "it has no checkpoint yet"
         raise SealegsError(
-            f"The disk of {run.path} is full; {safe}. Free some space and go on with: sealegs train resume={run.path}"
+            f"The disk of {run.path} is full; {safe}. Free some space and go on with: {_resume_command(run, task)}"
         ) from error
     finally:
         threading.excepthook = previous

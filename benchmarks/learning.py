@@ -38,7 +38,7 @@ from sealegs.configs.script import Interrupted, run
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("hexapod", "biped", "biped_hopping", "leg", "arm")
-KEPT = ("model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy
+KEPT = ("policy.safetensors", "model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy
 RECORDS = ("config.yaml", "actuators.yaml", "evaluations.npz")  # of its run
 
 
@@ -130,7 +130,7 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
         new = [*training, f"seed={seed}", f"name=seed{seed}", f"out={runs}"]
         begun = (folder / "config.yaml").is_file()
         _run([f"resume={folder}"] if begun else new, until)
-    best = folder / "best" if (folder / "best" / "model.zip").is_file() else folder / "final"
+    best = folder / "best" if (folder / "best" / "policy.json").is_file() else folder / "final"
     writing = target.with_name(f".writing-{target.name}")
     shutil.rmtree(writing, ignore_errors=True)
     writing.mkdir(parents=True)

@@ -7,6 +7,7 @@ the right key in it.
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,8 @@ def compose(
     assert isinstance(config, dict)
     for group, choice in own.items():
         config[group] = (readers or {})[group](choice)
+        if "${" in json.dumps(config[group], default=str):  # a file is data: no variables of the person's are put in
+            raise SealegsError(f"{group}={choice} holds '${{', which stands for nothing here: write the value.")
     return override(config, values, extra_keys)
 
 

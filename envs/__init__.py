@@ -53,17 +53,35 @@ def register_environments() -> None:
 
 
 def registered_id(name: str) -> str:
-    """The Gymnasium id of an environment, by that id or by ``path/to/task.py:MyTask``, which is registered here.
+    """The Gymnasium id of an environment, by that id or by ``path/to/task.py:MyTask``, which is run and registered.
+
+    For names that a person or a caller gives; those that a file gives are for :func:`known_id`.
 
     Raises:
         SealegsError: there is none.
     """
-    from ..actuators.errors import SealegsError, nearest  # late: `import sealegs` loads nothing heavy
-    from .any_robot.user import is_user_task, user_id
+    from .any_robot.user import is_user_task, user_id  # late: `import sealegs` loads nothing heavy
+
+    return user_id(name) if is_user_task(name) else known_id(name)
+
+
+def known_id(name: str) -> str:
+    """The Gymnasium id of an environment, by that id or by ``path/to/task.py:MyTask`` where that was run already.
+
+    Raises:
+        SealegsError: there is none, or it is a file that nobody named.
+    """
+    from ..actuators.errors import SealegsError, nearest
+    from .any_robot.user import is_user_task, known_user_id
 
     register_environments()
     if is_user_task(name):
-        return user_id(name)
+        if (found := known_user_id(name)) is None:
+            raise SealegsError(
+                f"{name} is code, which is not run because a file names it: name it yourself, on the command line as "
+                "task=, in Python by sealegs.make_env."
+            )
+        return found
     if name not in gym.registry:
         known = [key for key in gym.registry if key.startswith("SeaLegs/")]
         raise SealegsError(

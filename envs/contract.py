@@ -16,8 +16,8 @@ from gymnasium.envs.registration import load_env_creator
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError
 from ..common.documents import parse_json
-from . import registered_id
-from .arguments import task_arguments
+from . import known_id
+from .arguments import TaskShell, task_arguments
 from .base import BaseLayout
 from .position_goals import check_position_goals
 from .robot import Robot
@@ -91,6 +91,14 @@ class Contract:
         """Lowest and highest goal that the policy can give each joint [rad or m]."""
         return {name: (low, high) for name, low, high in zip(self.joints, self.goal_low, self.goal_high, strict=True)}
 
+    def task_on(self, robot: Robot) -> tuple[Task, dict[str, Any]]:
+        """The task, and the engine's arguments, on the robot at hand; the file that the contract names is not read.
+
+        Raises:
+            SealegsError: as :func:`task_of`.
+        """
+        return task_of({**self.env, "robot": robot} if "robot" in self.env else self.env)
+
     def to_json(self) -> str:
         """The contract as text."""
         return json.dumps({"version": VERSION, **asdict(self)})
@@ -125,12 +133,16 @@ class Contract:
 def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
     """The task of an environment and the engine's arguments, from the environment's id and arguments.
 
+    No file of a task is run here: who is told of one by a person runs it before (:mod:`sealegs.envs.any_robot.user`).
+
     Raises:
         SealegsError: there is no such environment, or an argument is wrong.
     """
-    name = registered_id(str(env["id"]))
+    name = known_id(str(env["id"]))
     entry = gym.spec(name).vector_entry_point
     creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
+    if not (isinstance(creator, type) and issubclass(creator, TaskShell)):
+        raise SealegsError(f"environment '{name}' is none of this project's, and has no task of a robot.")
     return task_arguments(creator.task, {key: value for key, value in env.items() if key != "id"})
 
 
@@ -197,9 +209,14 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
     )
 
 
-def start_pose(contract: Contract) -> dict[str, float]:
-    """Every joint of the robot at an undisturbed start, by quantity of :mod:`sealegs.envs.base` [rad or m]."""
-    task, engine = task_of(contract.env)
+def start_pose(contract: Contract, robot: Robot | None = None) -> dict[str, float]:
+    """Every joint of the robot at an undisturbed start, by quantity of :mod:`sealegs.envs.base` [rad or m].
+
+    Args:
+        contract: of the policy.
+        robot: at hand; None: the one that the contract names, whose file is read where it has one.
+    """
+    task, engine = task_of(contract.env) if robot is None else contract.task_on(robot)
     params = engine.get("params")
     numbers = task.robot.parameters(params)
     drivetrain = task.robot.drivetrain(None, numbers)

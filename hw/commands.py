@@ -84,7 +84,7 @@ class PolicyCommands:
         self.delay = policy.contract.delay
         self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
         self.history: list[Seen] = []
-        self.pose = start_pose(policy.contract)
+        self.pose = start_pose(policy.contract, robot.robot)
         self._ticks, self._goal = 0, self.start()
         self._observation = np.zeros(len(policy.contract.observation_names), np.float32)
 

@@ -73,14 +73,14 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     Raises:
         SealegsError: policy, robot or chains do not fit, or the machine ended before anything could be compared.
     """
-    policy = Policy(str(config["policy"]))
+    policy = Policy(str(config["policy"]), config["task"])
     robot = build_robot(config["robot"], config["nominal"], None)
     models = {"nominal": robot}
     if config["extended"] is not None:
         models["extended"] = extended_model(config)
     check_policy(policy, config["robot"], list(models.values()), deployment.calibration_of(config))
     rate, seconds = policy.contract.goal_rate, float(config["seconds"])
-    schedule, segment = command_schedule(policy, seconds, int(config["seed"]))
+    schedule, segment = command_schedule(policy, robot, seconds, int(config["seed"]))
 
     def commands(robot: ServoRobot = robot) -> PolicyCommands:
         return PolicyCommands(policy, robot, schedule, segment)
@@ -186,9 +186,10 @@ def check_policy(
     """
     refused: list[ContractError] = []
     for model in models:
-        trained = build_robot({**config, "params": model.params}, dict(policy.contract.chains), calibration)
         try:
-            trained.check_contract(policy.contract)
+            build_robot({**config, "params": model.params}, model.belief, calibration).check_contract(
+                policy.contract, chains=False
+            )
             return
         except ContractError as error:
             refused.append(error)
@@ -215,11 +216,11 @@ def on_machine(prepared: deployment.Deployment, say: Callable[[str], None]) -> t
     return outcome.ending, done.log
 
 
-def command_schedule(policy: Policy, seconds: float, seed: int, segment: float = 2.5) -> tuple[np.ndarray, float]:
+def command_schedule(
+    policy: Policy, robot: ServoRobot, seconds: float, seed: int, segment: float = 2.5
+) -> tuple[np.ndarray, float]:
     """What the policy is asked for, one command after the other (m, c), as its task draws them; time of each [s]."""
-    from ..envs.contract import task_of
-
-    task = task_of(policy.contract.env)[0]
+    task = policy.contract.task_on(robot.robot)[0]
     count = max(math.ceil(seconds / segment), 1)
     return task.commands(np.random.default_rng(seed).random((count, task.draws))), segment
 

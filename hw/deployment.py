@@ -353,7 +353,7 @@ def calibration_of(config: Mapping[str, Any]) -> Path | None:
 
 def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Commands:
     if kind == "policy":
-        policy = Policy(str(config["policy"]))
+        policy = Policy(str(config["policy"]), config["task"])
         robot.check_contract(policy.contract, config["rate"])
         command = config["command"]
         if command is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..actuators.errors import SealegsError
 from ..envs.base import BaseLayout
-from ..envs.contract import Contract, goal_scale, task_of
+from ..envs.contract import Contract, goal_scale
 from ..envs.task import ModulatedTask, Motion, Task
 from .robot import Reading, ServoRobot
 
@@ -56,7 +56,7 @@ class Observer:
         Raises:
             SealegsError: the command has another size, or is beyond those that the policy was trained on.
         """
-        self.task: Task = task_of(contract.env)[0]
+        self.task: Task = contract.task_on(robot.robot)[0]
         middle = self.task.commands(np.full((1, self.task.draws), 0.5))[0]
         self.command = middle if command is None else np.asarray(command, float)
         if self.command.shape != middle.shape:

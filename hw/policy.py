@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import onnxruntime
 
+from ..envs.any_robot.user import trained_in
 from ..envs.contract import KEY, Contract, ContractError
 
 FILE = "policy.onnx"
@@ -20,19 +22,22 @@ class Policy:
         contract: what it takes for granted about the robot.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, task: str | None = None) -> None:
         """Load the policy.
 
         Args:
             path: ONNX file, or a folder with a ``policy.onnx``.
+            task: ``path/to/task.py:MyTask`` that it was trained in, where that is a file of one's own. It is run; the
+                file that the contract names is not.
 
         Raises:
             ContractError: there is no such file, it is no ONNX file, or it has no contract.
+            SealegsError: its task is code that nobody named.
         """
         self.path = Path(path) / FILE if Path(path).is_dir() else Path(path)
         if not self.path.is_file():
             beside = ""
-            if (self.path.parent / "model.zip").is_file():
+            if any((self.path.parent / name).is_file() for name in ("policy.safetensors", "model.zip")):
                 beside = f"; make it with: sealegs export {self.path.parent}"
             elif (final := self.path.parent / "final").is_dir():
                 beside = f"; a run's policies are in its folders: {final}, or best beside it"
@@ -50,7 +55,8 @@ class Policy:
             raise ContractError(
                 f"{self.path} has no contract, so nothing says which robot it is for; export it with sealegs export."
             )
-        self.contract = Contract.from_json(metadata[KEY], str(self.path))
+        contract = Contract.from_json(metadata[KEY], str(self.path))
+        self.contract = replace(contract, env=trained_in(contract.env, str(self.path), task))
 
     def act(
         self, observation: np.ndarray, command: np.ndarray, state: np.ndarray

@@ -152,18 +152,19 @@ class ServoRobot:
 
     # --- contract ----------------------------------------------------------------------------------------------
 
-    def check_contract(self, contract: Contract, rate: float | None = None) -> None:
+    def check_contract(self, contract: Contract, rate: float | None = None, chains: bool = True) -> None:
         """Make sure that a policy is for this robot.
 
         Args:
             contract: of the policy.
             rate: at which the loop is to run [Hz]; None: the policy's own.
+            chains: whether it must be for this robot's chains, too.
 
         Raises:
             ContractError: it is not; the message names the field.
         """
         try:
-            self._check_contract(contract, rate)
+            self._check_contract(contract, rate, chains)
         except ContractError as error:
             trained, file = contract.env.get("robot"), self.robot.file
             if file is None or trained is None or Path(str(trained)).name == file.path.name:
@@ -173,8 +174,7 @@ class ServoRobot:
                 "that file."
             ) from None
 
-    def _check_contract(self, contract: Contract, rate: float | None) -> None:
-        from ..envs.contract import task_of
+    def _check_contract(self, contract: Contract, rate: float | None, chains: bool) -> None:
 
         def refuse(field: str, policy: object, here: object, remedy: str) -> None:
             raise ContractError(
@@ -203,8 +203,7 @@ class ServoRobot:
             )
         if contract.history != 1:
             refuse("history", contract.history, 1, "train it on single observations")
-        env = {**contract.env, "robot": robot} if "robot" in contract.env else contract.env  # its file may have moved
-        names = tuple(task_of(env)[0].observation_names())
+        names = tuple(contract.task_on(robot)[0].observation_names())
         if contract.observation_names != names:
             first = next(
                 (f"{a!r} for {b!r}" for a, b in zip(contract.observation_names, names, strict=False) if a != b),
@@ -229,7 +228,7 @@ class ServoRobot:
                     f"{joint.low:.3g} to {joint.high:.3g} {unit}",
                     "calibrate the joint again",
                 )
-        if contract.chain_hash != chain_hash(self.chains):
+        if chains and contract.chain_hash != chain_hash(self.chains):
             trained = told_chains(contract.chains)
             here = told_chains({name: chain.to_list() for name, chain in self.chains.items()})
             here = here if here != trained else f"{here} with other numbers"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ import torch
 from sealegs.actuators import load_chain
 from sealegs.actuators.errors import SealegsError
 from sealegs.agents.export import export_policy, write_onnx
-from sealegs.agents.policy_files import describe
+from sealegs.agents.policy_files import describe, save_policy
 from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.hw.policy import Policy
@@ -104,8 +103,7 @@ def test_a_chain_is_known_by_its_numbers_and_a_net_by_its_weights(tmp_path: Path
 
 def test_a_saved_policy_is_exported_once_and_never_overwritten(tmp_path: Path) -> None:
     model, description = learner("ppo", torch.nn.Tanh, False)
-    model.save(tmp_path / "model.zip")
-    (tmp_path / "policy.json").write_text(json.dumps(description))
+    save_policy(tmp_path, model, description)
     written = export_policy(tmp_path)
     assert written == tmp_path / "policy.onnx" and Policy(tmp_path).contract.robot == "hopper"
     with pytest.raises(SealegsError, match="never overwritten"):

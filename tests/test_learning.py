@@ -50,7 +50,14 @@ def test_a_seed_is_trained_once_and_its_policy_kept(tmp_path: Path) -> None:
     target = tmp_path / "policies" / "seed3"
     learning.train((*SMALL, "video.seconds=0"), 3, tmp_path / "runs", target)
     kept = {path.name for path in target.iterdir()}
-    assert {"model.zip", "vecnormalize.pkl", "policy.json", "config.yaml", "evaluations.npz"} <= kept
+    assert {
+        "policy.safetensors",
+        "model.zip",
+        "vecnormalize.pkl",
+        "policy.json",
+        "config.yaml",
+        "evaluations.npz",
+    } <= kept
     with zipfile.ZipFile(target / "model.zip") as file:
         assert b"OS:" not in file.read("system_info.txt")  # where it was trained is nobody's business
     act, description = load_policy(target)

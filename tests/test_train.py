@@ -111,7 +111,7 @@ def test_run_folder_holds_what_reproduces_the_run(finished: Path) -> None:
 def test_run_folder_holds_best_final_and_evaluated_policies(finished: Path) -> None:
     for policy in ("best", "final"):
         names = {path.name for path in (finished / policy).iterdir()}
-        assert names == {"model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx"}
+        assert names == {"policy.safetensors", "policy.json", "policy.onnx", "model.zip", "vecnormalize.pkl"}
     evaluations = np.load(finished / "evaluations.npz")
     assert list(evaluations["timesteps"]) == [256, 512]
     best = json.loads((finished / "best" / "policy.json").read_text())
@@ -283,7 +283,7 @@ def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path
     killed_at = steps(folder)[-1]
     torn = folder / "checkpoints" / ".writing-000000999999"  # what a kill within a checkpoint leaves
     torn.mkdir()
-    (torn / "model.zip").write_bytes(b"PK")
+    (torn / "policy.safetensors").write_bytes(b"torn")
     total = killed_at + 512
     assert run(f"resume={folder}", f"total_timesteps={total}") == 0
     assert steps(folder)[-1] == total and not torn.exists()
@@ -309,7 +309,7 @@ def test_ctrl_c_saves_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> None
 def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "damaged"
     assert run(*SMALL, f"out={tmp_path}", "name=damaged", "total_timesteps=512") == 0
-    (folder / "checkpoints" / "000000000512" / "model.zip").write_bytes(b"PK\x03\x04 torn")
+    (folder / "checkpoints" / "000000000512" / "policy.safetensors").write_bytes(b"torn")
     assert run(f"resume={folder}", "total_timesteps=640") == 0
     assert "000000000512 cannot be read" in capsys.readouterr().err
     assert json.loads((folder / "run.json").read_text())["sessions"][-1]["from_step"] == 256
@@ -431,7 +431,7 @@ SMALL_SAC = [
 def test_sac_resumes_with_its_replay_buffer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "sac"
     assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0
-    buffers = sorted(int(path.parent.name) for path in folder.glob("checkpoints/*/replay_buffer.pkl"))
+    buffers = sorted(int(path.parent.name) for path in folder.glob("checkpoints/*/replay_buffer.safetensors"))
     assert len(steps(folder)) > 2 and buffers == steps(folder)[-2:], "the newest two checkpoints keep the buffer"
     assert run(f"resume={folder}", "total_timesteps=832") == 0
     assert "buffer" not in capsys.readouterr().err
@@ -445,14 +445,15 @@ def test_sac_goes_back_to_older_checkpoints_with_and_without_their_buffer(
     folder = tmp_path / "sac"
     assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0
     oldest, before, newest = (folder / "checkpoints" / f"{step:012d}" for step in steps(folder)[-3:])
-    (newest / "model.zip").write_bytes((newest / "model.zip").read_bytes()[:1000])
+    weights = newest / "policy.safetensors"
+    weights.write_bytes(weights.read_bytes()[:1000])
     shutil.copytree(folder, tmp_path / "again")
     assert run(f"resume={folder}", "total_timesteps=640") == 0
     errors = capsys.readouterr().err
     assert f"{newest.name} cannot be read" in errors and "no replay buffer" not in errors
-    assert (before / "replay_buffer.pkl").is_file(), "stands by, whatever lies damaged ahead"
+    assert (before / "replay_buffer.safetensors").is_file(), "stands by, whatever lies damaged ahead"
     again = tmp_path / "again" / "checkpoints"
-    (again / before.name / "replay_buffer.pkl").write_bytes(b"torn")
+    (again / before.name / "replay_buffer.safetensors").write_bytes(b"torn")
     assert run(f"resume={tmp_path / 'again'}", "total_timesteps=640") == 0
     assert f"{oldest.name} has no replay buffer any more" in capsys.readouterr().err
     sessions = json.loads((tmp_path / "again" / "run.json").read_text())["sessions"]

@@ -1,4 +1,9 @@
-"""A user's own task: a class in a Python file anywhere, named ``path/to/task.py:MyTask``."""
+"""A user's own task: a class in a Python file anywhere, named ``path/to/task.py:MyTask``.
+
+Its file is run where a person or a caller names it (:func:`user_id`), and nowhere else. A policy, a contract and a run
+folder are data: the task that they name is looked up among those that were run already (:func:`known_user_id`), or
+compared with the one that the command line names (:func:`trained_in`).
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ import importlib.util
 import re
 import sys
 import types
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -40,7 +46,7 @@ def file_of(word: str) -> Path:
 
 
 def user_id(word: str) -> str:
-    """Register the task with Gymnasium and return its id; again does no harm.
+    """Run the task's file, register the task with Gymnasium and return its id; again does no harm.
 
     Raises:
         SealegsError: there is no such file or class, the file cannot be run, or the class is no task.
@@ -50,10 +56,10 @@ def user_id(word: str) -> str:
     path, name = Path(match["path"]), match["name"]
     if not path.is_file():
         raise SealegsError(f"there is no file {path} with a task.")
-    content = path.read_bytes()
-    number = hashlib.sha256(str(path).encode() + content).hexdigest()[:8]
+    number = f"{_number(str(path).encode())}-{_number(path.read_bytes())}"
     identity = f"file-{number}/{name}-v0"
     if identity in gym.registry:
+        gym.registry[identity] = gym.registry.pop(identity)  # the one that was named last
         return identity
     module = _module(path, number)
     task = getattr(module, name, None)
@@ -73,6 +79,50 @@ def user_id(word: str) -> str:
         max_episode_steps=task.episode_steps,
     )
     return identity
+
+
+def known_user_id(word: str) -> str | None:
+    """The id of a task whose file was run in this process, as it was when it was named last; None where it was not."""
+    path, _, name = absolute(word).rpartition(":")
+    start, end = f"file-{_number(path.encode())}-", f"/{name}-v0"
+    return next((key for key in reversed(gym.registry) if key.startswith(start) and key.endswith(end)), None)
+
+
+def trained_in(env: Mapping[str, Any], where: str, task: str | None, key: str = "task") -> dict[str, Any]:
+    """The environment that a policy or a run says it was trained in, with the task's file where the person has it.
+
+    Args:
+        env: id and arguments of the environment, as the file has them.
+        where: the file, for the message.
+        task: what the person named as ``path/to/task.py:MyTask``; its file is run. None: nothing.
+        key: by which the command line names it.
+
+    Raises:
+        SealegsError: the environment is a file's, which nobody named; or another one than the person named.
+    """
+    said = str(env.get("id"))
+    if task is not None and not is_user_task(task):
+        raise SealegsError(f"{key}={task} is no task of your own; it is given as path/to/task.py:MyTask.")
+    if not is_user_task(said):
+        if task is not None:
+            raise SealegsError(f"{where} was trained in {said}, which comes with sealegs: leave {key}= out.")
+        return dict(env)
+    if task is None:
+        if known_user_id(said) is not None:  # this process was told of it
+            return dict(env)
+        raise SealegsError(
+            f"{where} was trained in {said}, and code is not run because a file names it: give {key}={said}, or "
+            "where you have that file, if you trust it."
+        )
+    file, name = (re.split(r"[/\\]", word)[-1] for word in (said, task))
+    if file != name:
+        raise SealegsError(f"{where} was trained in {file}, and {key}={task} is another task: give the path of {file}.")
+    user_id(task)
+    return {**env, "id": absolute(task)}
+
+
+def _number(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:8]
 
 
 def _shell(kind: type[TaskShell], task: type[Task], name: str, module: ModuleType) -> Any:

@@ -20,6 +20,7 @@ from sealegs.configs.script import Interrupted
 
 PLAIN = (
     "policy",
+    "task",
     "excitation",
     "replay",
     "port",

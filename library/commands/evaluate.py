@@ -19,7 +19,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-PLAIN = ("paper", "out", "policy", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
+PLAIN = ("paper", "out", "policy", "task", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
 
 
 def main(arguments: list[str]) -> None:

@@ -3,6 +3,7 @@
     sealegs watch policy=policies/biped/seed0 env.speed=0.8                 told to walk at 0.8 m/s
     sealegs watch policy=runs/first/best extended=diagnosis                 on the machine as a diagnosis found it
     sealegs watch policy=runs/first/best actuator=diagnosis/extended.yaml   with the chain alone that it found
+    sealegs watch policy=runs/mine/best task=mine.py:Mine                   of a task in a file of one's own: it is run
     sealegs watch policy=policies/hexapod/seed1 env.params.timestep=0.0005 seconds=60
 
 Writes an mp4 and prints how long each episode in it lasts and what it earns.
@@ -27,15 +28,18 @@ def main(arguments: list[str]) -> None:
     from sealegs.agents.video import record_video
     from sealegs.configs.check import Pixels, Positive, checked, checked_seed
     from sealegs.configs.compose import compose, split
+    from sealegs.envs.any_robot.user import trained_in
 
-    config = compose("watch", split(arguments, plain=("policy", "actuator", "extended", "out"), first="policy"))
+    config = compose("watch", split(arguments, plain=("policy", "actuator", "extended", "task", "out"), first="policy"))
     if config["policy"] is None:
         raise SealegsError("say which policy to watch: policy=<folder>, such as policies/biped/seed0.")
     folder = Path(checked("policy", config["policy"], str))
     seconds, seed = checked("seconds", config["seconds"], Positive), checked_seed(config["seed"])
     width, height = (checked(key, config[key], Pixels) for key in ("width", "height"))
-    act, description = load_policy(folder)
-    stored, changed = description["env"], checked("env", config["env"], dict)
+    task, trust = checked("task", config["task"], str | None), checked("trust", config["trust"], bool)
+    act, description = load_policy(folder, trust)
+    stored = trained_in(checked("env", description["env"], dict), str(folder), task)
+    changed = checked("env", config["env"], dict)
     numbers = [checked("env.params", env.get("params") or {}, dict) for env in (stored, changed)]
     actuator = description["actuators"] if config["actuator"] == "keep" else config["actuator"]
     if config["extended"] is not None:
