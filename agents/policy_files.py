@@ -74,6 +74,8 @@ def load_model(folder: Path, trust: bool = False) -> tuple[BaseAlgorithm, dict[s
         SealegsError: ``folder`` holds no policy that can be read, or only one that nobody said to trust.
     """
     try:
+        if not (folder / "policy.json").is_file():
+            raise SealegsError("it has no policy.json")
         description = read_json(folder / "policy.json")
         if not isinstance(description, dict):
             raise SealegsError("its policy.json holds no mapping")
