@@ -157,8 +157,9 @@ def _read_learner(path: Path, agent: Mapping[str, Any], env: VecEnv) -> BaseAlgo
     check_like(rest, wanted, path / _LEARNER)
 
     groups = {name: item["param_groups"] for name, item in optimizers.items()}
-    filled = {name: {"state": state, "param_groups": groups[name]} for name, state in states.items()}
-    model.set_parameters({"policy": weights, **filled}, device="cpu")
+    filled: dict[str, Any] = {name: {"state": state, "param_groups": groups[name]} for name, state in states.items()}
+    filled["policy"] = weights
+    model.set_parameters(filled, device="cpu")
     if entropy is not None:
         entropy.data.copy_(rest["log_ent_coef"])
     for name, moments in _running(normalizer).items():

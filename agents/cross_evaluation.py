@@ -29,6 +29,7 @@ def mean_reward(
     while np.isnan(rewards).any():
         env.step_async(act(observation))
         observation, _, done, infos = env.step_wait()
+        assert isinstance(observation, np.ndarray)
         for number in np.flatnonzero(done & np.isnan(rewards)):
             rewards[number] = infos[number]["episode"]["r"]
     env.close()
