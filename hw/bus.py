@@ -9,12 +9,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from .interface import Failing
-from .packets import BusError, NoReplyError, NotWrittenError, RegisterError, in_words
+from .packets import BusError, ConfigurationError, NoReplyError, NotWrittenError, RegisterError, ReplyError, in_words
 from .port import BusPort
 from .readings import ServoReadings
 from .registers import load_model
 from .transactions import Transactions
 
+LOOKS = 24  # at a servo, in which another one of its id shows,
+DOUBTFUL = 8  # where so many answers are broken or double; one in twenty, on a bad line, are that once in 30 000 runs
+AGAIN = 0.002  # [s] within which a second answer follows the first
 RECOVERY = 0.3  # [s] of torque off that clears an overload, as in huggingface/lerobot
 
 
@@ -117,7 +120,8 @@ class ServoBus(ServoReadings):
         Raises:
             NoReplyError: one does not answer; the message says who does.
             WrongModelError: one is of another model.
-            ConfigurationError: one does not acknowledge writes, is not in position mode, or counts turns.
+            ConfigurationError: one does not acknowledge writes, is not in position mode, or counts turns; or two
+                servos seem to have one id.
         """
         for servo in ids:
             try:
@@ -126,6 +130,37 @@ class ServoBus(ServoReadings):
             except NoReplyError as error:
                 error.args = (f"{str(error).rstrip('.')}; {self._who_answers(ids)}.",)
                 raise
+
+        for servo in ids:
+            self._require_alone(servo)
+
+    def _require_alone(self, servo: int) -> None:
+        """Make sure that one servo answers under an id, by reading it often.
+
+        Two of them answer at nearly the same time, and what comes is broken unless they begin within half a bit and say
+        the same; or the one answers behind the other. Readings of voltage, temperature and position differ now and then
+        even between servos that stand alike. Nothing is written, and a reply that is lost says nothing.
+
+        Raises:
+            ConfigurationError: more of them seem to.
+        """
+        spoilt = 0
+        with self.line.lock:
+            for _ in range(LOOKS):
+                try:
+                    self._read_one(servo, *self._block.span(False), None)
+                    spoilt += self.line.port.settle(quiet=AGAIN) > 0
+                except NoReplyError:
+                    continue
+                except ReplyError:
+                    spoilt += 1
+        if spoilt >= DOUBTFUL:
+            raise ConfigurationError(
+                f"two servos seem to have the id {servo} on {self.port}: of {LOOKS} answers {spoilt} are broken or "
+                "double; connect them one at a time and give one another id (sealegs scan id=<id> new_id=<id>), or "
+                "mend the wiring.",
+                [servo],
+            )
 
     def _who_answers(self, ids: Sequence[int]) -> str:
         found = list(self.scan(ids))

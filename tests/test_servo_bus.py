@@ -27,10 +27,13 @@ from sealegs.hw.packets import (
 )
 from sealegs.hw.registers import load_model, model_names
 from sealegs.hw.robot import Joint
+from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.server import Server
+from sealegs.hw.virtual.simulated_port import SimulatedPort
+from sealegs.hw.virtual.wire import UNEVEN, Wire, collided
 
 from benchmarks.bus import bare_cycle
-from tests.served_bus import served
+from tests.served_bus import served, wired
 
 STEP = 2.0 * math.pi / 4096
 IDS = [1, 2]
@@ -135,6 +138,52 @@ def test_two_servos_with_one_id_are_noticed():
         pytest.raises(CorruptReplyError, match="no two servos have one id"),
     ):
         bus.read_state([5])
+
+
+def twins(uneven: float = UNEVEN, **delays: int) -> tuple[Wire, ServoBus]:
+    """Two servos of one id that stand at the same step, and a bus that knows one."""
+    wire = wired("hopper", {"hip": {"id": 5}, "knee": {"id": 5, "zero": 2048 - 796}})
+    wire.uneven, wire.rig.held = uneven, "torque"
+    for servo, delay in zip(wire.servos, delays.values(), strict=False):
+        servo.set_up("return_delay", delay)
+    return wire, ServoBus("simulated", opened=SimulatedPort(wire))
+
+
+@pytest.mark.parametrize("delays", [{}, {"first": 0, "second": 250}, {"first": 0, "second": 20}])
+def test_two_servos_of_one_id_that_say_the_same_are_noticed_before_torque_comes_on(delays: dict[str, int]):
+    wire, bus = twins(**delays)
+    assert len({servo.sensors.steps for servo in wire.servos}) == 1
+    with pytest.raises((ConfigurationError, CorruptReplyError), match=r"one id|the id 5"):
+        bus.check([5])
+    assert not wire.rig.history, "torque was never on"
+
+
+def test_two_servos_that_answer_as_one_are_noticed_once_they_move():
+    wire, bus = twins(uneven=0.0)
+    bus.check([5])  # nobody can tell
+    bus.torque_on([5])
+    with pytest.raises(CorruptReplyError, match="no two servos have one id"):
+        for _ in range(50):
+            bus.write_goals([5], [0.4])
+            bus.clock.sleep(0.01)
+            bus.read_state([5], retries=0)
+    assert bus.torque_off([5]) == {} and not any(wire.rig.torque(joint) for joint in (0, 1))
+
+
+@pytest.mark.parametrize("kind", ["corrupt", "drop"])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_servo_on_a_bad_line_is_not_taken_for_two(kind: str, seed: int):
+    wire = wired("hopper")
+    wire = Wire(wire.rig, [fault_from({"kind": kind, "probability": 0.03})], seed)
+    ServoBus("simulated", opened=SimulatedPort(wire)).check(IDS)
+
+
+def test_what_several_servos_send_at_once_is_read_as_a_receiver_would():
+    one, other = b"\xff\xff\x05\x02\x00\xf8", b"\xff\xff\x05\x02\x20\xd8"
+    assert collided([(0.0, one)]) == one == collided([(0.0, one), (0.2, one)])
+    assert collided([(0.0, one), (0.0, other)]) == b"\xff\xff\x05\x02\x00\xd8", "both pull the line low"
+    assert collided([(0.0, one), (70.0, other)]) == one + other, "one behind the other"
+    assert collided([(0.0, one), (3.0, one)]) != one
 
 
 # --- cycle -------------------------------------------------------------------------------------------------------

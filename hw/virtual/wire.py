@@ -16,18 +16,35 @@ AnyServo = Servo | DynamixelServo
 
 BITS = 10  # on the line per byte: start, eight, stop
 PROCESSING = 20e-6  # [s] from a request's end to the reply's start, beside the return delay register; assumed
+UNEVEN = 4e-6  # [s] by which servos of one id begin their replies apart, at most; assumed: firmware polls the line
+SAMPLES = 8  # of the line a bit, where several send at once
 
 
-def collided(packets: Sequence[bytes]) -> bytes:
-    """What servos of one id put on the line together: it is low wherever one of them pulls it low; assumed."""
+def collided(packets: Sequence[tuple[float, bytes]]) -> bytes:
+    """What a receiver reads where several send at once: the line is low wherever one pulls it low (assumed).
+
+    Args:
+        packets: each with the bits by which it begins after the first one.
+    """
     if len(packets) == 1:
-        return packets[0]
-    longest = max(len(packet) for packet in packets)
-    merged = bytearray(b"\xff" * longest)
-    for packet in packets:
+        return packets[0][1]
+    starts = [round(start * SAMPLES) for start, _ in packets]
+    last = max(start + BITS * SAMPLES * len(packet) for start, (_, packet) in zip(starts, packets, strict=True))
+    line = bytearray(b"\1" * (last + BITS * SAMPLES))
+    for start, (_, packet) in zip(starts, packets, strict=True):
         for k, byte in enumerate(packet):
-            merged[k] &= byte
-    return bytes(merged)
+            word = byte << 1  # a start bit, eight of data
+            for bit in range(9):
+                if not word >> bit & 1:
+                    at = start + (k * BITS + bit) * SAMPLES
+                    line[at : at + SAMPLES] = bytes(SAMPLES)
+    read, at = bytearray(), line.find(0)
+    while 0 <= at < last:
+        middle = at + SAMPLES // 2
+        read.append(sum(line[middle + (bit + 1) * SAMPLES] << bit for bit in range(8)))
+        high = line.find(1, middle + 9 * SAMPLES)  # at the stop bit, or where the line is free again
+        at = line.find(0, high) if high >= 0 else -1
+    return bytes(read)
 
 
 class Wire:
@@ -40,6 +57,7 @@ class Wire:
         faults: in force or to come.
         free_at: when the line is free again [s].
         heard: requests so far.
+        uneven: by which servos of one id begin their replies apart, at most [s].
     """
 
     def __init__(self, rig: Rig, faults: Sequence[Fault] = (), seed: int = 0, bus: str = "") -> None:
@@ -49,7 +67,7 @@ class Wire:
         self._protocol = protocol2 if self.dynamixel else protocol
         self.faults = [fault for fault in faults if fault.bus in (None, bus)]
         self.free_at = 0.0
-        self.heard = 0
+        self.heard, self.uneven = 0, UNEVEN
         self._random = random.Random(seed)
 
     def byte_time(self, baudrate: int) -> float:
@@ -75,11 +93,14 @@ class Wire:
             at = max([at, *(time for time, _ in answers)])
         else:
             for group in self._answers(request, arrival, baudrate):
+                apart = [self._random.uniform(0.0, self.uneven) for _ in group] if len(group) > 1 else [0.0]
+                delays = [servo.reply_delay + more for (servo, _, _), more in zip(group, apart, strict=True)]
                 packets = [self._protocol.status_packet(servo.id, error, data) for servo, error, data in group]
-                packet = collided(packets)
-                servo = group[0][0]
-                at += servo.reply_delay + len(packet) * per_byte
-                answers += self._spoiled(servo.id, packet, at)
+                begin = min(delays)
+                bits = [(delay - begin) * baudrate for delay in delays]
+                packet = collided(list(zip(bits, packets, strict=True)))
+                at += max(delay + len(packet) * per_byte for delay, packet in zip(delays, packets, strict=True))
+                answers += self._spoiled(group[0][0].id, packet, at)
         self.rig.apply()
         if answers:
             self.free_at = max(self.free_at, at)
