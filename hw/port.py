@@ -33,8 +33,8 @@ UNRETURNED = 4  # latest packets that an adapter may still return
 class Echo:
     """Takes out of what comes in what this host has sent: some adapters return it, always or from some moment on.
 
-    One wire carries both directions, so a packet comes back before its answer. No answer equals its question: requests
-    are made so (:meth:`sealegs.hw.transactions.Transactions.no_late_length`).
+    One wire carries both directions, so a packet comes back before its answer. No answer equals its question: they
+    differ in length (:meth:`sealegs.hw.transactions.Transactions.no_late_length`).
     """
 
     def __init__(self) -> None:
