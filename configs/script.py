@@ -13,6 +13,7 @@ from types import ModuleType
 
 from ..actuators.errors import SealegsError
 from ..actuators.extras import missing_package
+from ..common.bugs import BUG, reported
 from .compose import FOLDER, choices, groups
 
 BAD_INPUT = 2
@@ -24,7 +25,9 @@ class Interrupted(Exception):
 
 
 def run(main: Callable[[list[str]], None], name: str, description: str, arguments: Sequence[str]) -> int:
-    """Run a script and return its exit status: 0, 2 for wrong input or a full disk, 130 for Ctrl-C.
+    """Run a script and return its exit status: 0, 2 for wrong input or a full disk, 130 for Ctrl-C, 70 for a bug.
+
+    This is the outermost place: what nobody foresaw is reported here, and nowhere else.
 
     Args:
         main: takes the arguments, raises :class:`SealegsError` for what a person can put right.
@@ -32,6 +35,14 @@ def run(main: Callable[[list[str]], None], name: str, description: str, argument
         description: the script's docstring, the head of its help page.
         arguments: command line without the script's name.
     """
+    try:
+        return _run(main, name, description, arguments)
+    except Exception as error:
+        print(reported(error, ["sealegs", name.replace("_", "-"), *arguments]), file=sys.stderr)
+        return BUG
+
+
+def _run(main: Callable[[list[str]], None], name: str, description: str, arguments: Sequence[str]) -> int:
     try:
         if any(argument in ("-h", "--help") for argument in arguments):
             print(help_page(name, description))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..actuators.errors import SealegsError
+from ..common.bugs import Unforeseen
 from .diagnosis import Diagnosis
 from .log.arrays import InMemory, measured_set
 from .log.progress import Progress
@@ -50,6 +51,7 @@ def diagnose(
 
     Raises:
         SealegsError: the log cannot be read or diagnosed, or an argument is wrong.
+        Unforeseen: a bug of sealegs; its ``found`` is the diagnosis of the joints that it left alone, or None.
     """
     settings = checked_settings(test, seed, limits, speed_limit, causes, joints)
     from .experiment import Limits, default_limits
@@ -88,7 +90,15 @@ def diagnose(
         elif speed_limit is not None:
             moved = np.concatenate([run.joints[j].position for run in data.runs for j in run.joints])
             kept = default_limits(moved, speed)
-        found = search.diagnose(data, test, seed, say, kept, causes, done=done, workers=workers, only=joints)
+        try:
+            found = search.diagnose(data, test, seed, say, kept, causes, done=done, workers=workers, only=joints)
+        except Unforeseen as error:
+            error.found = _of(data, error.found) if error.found else None
+            raise
+    return _of(data, found)
+
+
+def _of(data: MeasuredSet, found: Any) -> Diagnosis:
     return Diagnosis(data.name, tuple(run.name for run in data.runs), tuple(found), data)
 
 

@@ -31,7 +31,7 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit status: 0, 2 for wrong input, 130 for Ctrl-C."""
+    """Run one command; returns the exit status: 0, 2 for wrong input, 130 for Ctrl-C, 70 for a bug."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if len(words) > 1 and words[0] == "help":
         words = [*words[1:], "--help"]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.actuators.errors import SealegsError
+from sealegs.common.bugs import Unforeseen
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure
@@ -50,6 +51,14 @@ def test_a_joint_search_that_fails_is_a_finding_and_leaves_its_traceback(
     monkeypatch.setattr(way, "with_robot", raising(SealegsError("correct the sidecar.")))
     with pytest.raises(SealegsError, match="correct the sidecar"):  # which a person can mend
         way.diagnose(data)
+
+
+def test_a_bug_before_the_joints_leaves_them_their_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(way, "diagnose_joint", not_diagnosed)
+    monkeypatch.setattr(way, "in_likely_frames", raising(IndexError("none")))
+    with pytest.raises(Unforeseen, match="zeros and directions: IndexError") as bug:
+        way.diagnose(hidden_hopper({}, 21, runs=1, duration=1.5)[0], only=["hip"])
+    assert isinstance(bug.value.found, list) and [joint.joint for joint in bug.value.found] == ["hip"]
 
 
 def test_the_ground_is_sought_with_the_settings_that_were_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.common.bugs import Unforeseen
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.log.types import MeasuredSet
@@ -161,6 +162,18 @@ def test_what_was_found_before_numbers_fail_is_kept(monkeypatch: pytest.MonkeyPa
     (found,) = diagnose(bench(1.6, 1, 3, "all"), causes=("load.mass",), settings=replace(DEFAULT, least_excess=-1.0))
     assert [cause.name for cause in found.causes] == ["load.mass"]
     assert "search.fault" in {finding.code for finding in found.findings}
+
+
+def test_a_bug_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It became `not identifiable`, and `please report it`."""
+
+    def fails(self: Searcher) -> Any:
+        raise KeyError("elbow")
+
+    monkeypatch.setattr(Searcher, "run", fails)
+    with pytest.raises(Unforeseen, match=r"KeyError \('elbow'\) in tests/test_unseen\.py line") as bug:
+        diagnose(bench(1.6, 1, 3, "all"), causes=("load.mass",))
+    assert bug.value.found == []
 
 
 def test_numbers_that_fail_end_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

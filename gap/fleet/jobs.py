@@ -9,10 +9,11 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ...actuators.atomic import folder_written, staged_folder
 from ...actuators.errors import SealegsError
+from ...common.bugs import Unforeseen, told
 from ...common.documents import read_json
 from ..log.progress import Progress
 from ..log.table import ENDINGS
@@ -120,6 +121,7 @@ def diagnose_folder(
 
     Raises:
         SealegsError: the logs cannot be read or diagnosed, or the folder is not empty.
+        Unforeseen: a bug of sealegs; what was found of other joints is in the folder.
     """
     from ..diagnose import diagnose
     from ..output.files import fresh_folder
@@ -128,7 +130,13 @@ def diagnose_folder(
     fresh_folder(out, besides=(FOLDER,))
     if made:
         out.rmdir()  # until there is something to keep
-    found = diagnose(log, progress=progress, keep=out, **settings)
+    try:
+        found = diagnose(log, progress=progress, keep=out, **settings)
+    except Unforeseen as error:
+        if error.found is not None:
+            cast("Diagnosis", error.found).save(out, progress)
+            error.where = out
+        raise
     return found, found.save(out, progress)
 
 
@@ -176,6 +184,4 @@ def run_job(job: Job, progress: Progress = lambda text: None, joints: int = 1, f
     except MemoryError:
         return Outcome(job.name, error=f"{job.log}: there is not enough memory; use fewer workers=<number>.")
     except Exception as error:
-        return Outcome(
-            job.name, error=f"{job.log}: {type(error).__name__}: {error} (a bug of sealegs; please report it)."
-        )
+        return Outcome(job.name, error=f"{job.log}: a bug of sealegs, {told(error)}; please report it with the log.")

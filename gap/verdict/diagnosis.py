@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from ...actuators.chain import Chain
-from ...actuators.errors import SealegsError
+from ...common.bugs import Unforeseen, apart
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.contact import with_stops
 from ..causes.unknown import with_believed_load
@@ -90,7 +90,9 @@ def diagnose(
 
     Raises:
         SealegsError: the runs have no joint that can be diagnosed, or no such joint, or the catalogue no such cause.
+        Unforeseen: of some of it nobody knows why it failed; ``found`` are the other joints.
     """
+    errors: dict[str, Exception] = {}
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = check_log(data, progress)
@@ -99,20 +101,24 @@ def diagnose(
         first = [_first_experiment(runs, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
-    runs, of_frames = in_likely_frames(runs, progress, test_group)
-    runs, of_table = without_rests(runs, progress, test_group)
-    findings = [*findings, *of_frames, *of_table]
-    found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done)
-    if only is not None:
-        return found
-    if on_ground(runs):
-        found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(runs, found, request)))
-        done(found[-1])
-    if (robot := robot_of(runs[0])) is not None:
-        before, found = found, _with_robot(robot, runs, findings, found, request, workers)
-        for joint in found:
-            if all(joint is not other for other in before):  # of the robot, or judged again
-                done(joint)
+    for what, step in (("zeros and directions", in_likely_frames), ("what the robot rests on", without_rests)):
+        with apart(what, errors):  # without it, the model's frames and all samples count
+            runs, more = step(runs, progress, test_group)
+            findings = [*findings, *more]
+    found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done, errors)
+    whole = len(found) == len(joints)  # what joints share and the ground under them need all of them
+    if only is None and whole and on_ground(runs):
+        with apart("the ground", errors):
+            found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(runs, found, request)))
+            done(found[-1])
+    if only is None and whole and (robot := robot_of(runs[0])) is not None:
+        with apart("what joints share", errors):
+            before, found = found, _with_robot(robot, runs, findings, found, request, workers)
+            for joint in found:
+                if all(joint is not other for other in before):  # of the robot, or judged again
+                    done(joint)
+    if errors:
+        raise Unforeseen(errors, found)
     return found
 
 
@@ -132,13 +138,11 @@ def _with_robot(
 
     try:
         return with_robot(robot, runs, found, request, again)
-    except SealegsError:  # which a person can mend
-        raise
-    except (*NUMERICAL, ValueError, LookupError) as error:
+    except NUMERICAL as error:
         LOGGER.exception("the search for what joints share failed")
         why = f"the search for what joints share failed ({type(error).__name__}: {error})"
         request.progress(why)
-        said = f"{why}; what was found of each joint stands. Please report it with the log."
+        said = f"{why}; what was found of each joint stands."
         fault = Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])
         return [replace(joint, findings=(*joint.findings, fault)) for joint in found]
 
@@ -168,15 +172,10 @@ def _kept(
 ) -> JointDiagnosis:
     try:
         return work()
-    except SealegsError:
-        raise
-    except (*NUMERICAL, ValueError, LookupError) as error:
+    except NUMERICAL as error:
         LOGGER.exception("the diagnosis of %s failed", joint)
         request.progress(f"the diagnosis of {joint} failed: {type(error).__name__}: {error}")
-        why = (
-            f"its numbers failed in a way that nobody foresaw ({type(error).__name__}: {error}); please report it with "
-            "the log"
-        )
+        why = f"its numbers failed ({type(error).__name__}: {error})"
         return refuse(joint, Refused(subject, why, usable=True), findings)
 
 

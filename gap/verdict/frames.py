@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...actuators.errors import SealegsError
 from ..causes.catalogue import adjustable, catalogue
 from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.finding import Finding
@@ -84,9 +83,7 @@ def in_likely_frames(
             found.append(stage(Stage(seen, robot, given, found, progress)))
             if found[-1].frames:
                 framed = _in_frames(framed, robot, found[-1].frames)
-    except SealegsError:
-        raise
-    except (*NUMERICAL, ValueError, LookupError) as error:
+    except NUMERICAL as error:
         said = (
             f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
         )

@@ -8,7 +8,7 @@ import queue
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.context import SpawnContext
 from multiprocessing.managers import SyncManager
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators.processes import cores, exit_with_parent
+from ...common.bugs import apart
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
 from ..log.types import MeasuredRun
@@ -39,6 +40,7 @@ def side_by_side(
     request: Request,
     workers: int | None,
     done: Callable[[JointDiagnosis], None],
+    errors: dict[str, Exception] | None = None,
 ) -> list[JointDiagnosis]:
     """Diagnose joints, so many at a time; one whose process dies is diagnosed in this one.
 
@@ -47,19 +49,26 @@ def side_by_side(
         runs, findings, request: what they are called with.
         workers: processes; None: one per core where there are at least :data:`MANY` joints.
         done: is given each joint as soon as it is diagnosed.
+        errors: is given what nobody foresaw, by joint, and the other joints go on; None: the first one is raised.
 
     Returns:
-        The diagnoses in the order of ``tasks``.
+        The diagnoses in the order of ``tasks``, without joints in ``errors``.
     """
+    failed: dict[str, Exception] = {} if errors is None else errors
+
+    def kept(joint: str) -> AbstractContextManager[None]:
+        return nullcontext() if errors is None else apart(joint, errors)
+
     joints = list(tasks)
     workers = (cores() if len(joints) >= MANY else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
         in_turn = []
         for number, (joint, diagnose) in enumerate(tasks.items(), 1):
             own = request if len(joints) < 2 else replace(request, progress=_named(joint, request.progress))
-            in_turn.append(_told(diagnose(runs, joint, findings, own), done))
-            if len(joints) > 1:
-                request.progress(_ended(in_turn[-1], len(joints) - number))
+            with kept(joint):
+                in_turn.append(_told(diagnose(runs, joint, findings, own), done))
+                if len(joints) > 1:
+                    request.progress(_ended(in_turn[-1], len(joints) - number))
         return in_turn
     fits, size = kept_at(), min(workers, len(joints))
     threads = _threads()  # all for each: as joints are done, the others have the cores to themselves
@@ -82,8 +91,11 @@ def side_by_side(
                 _tell(said, request.progress)
                 for future in ended:
                     joint = asked[future]
-                    found[joint] = _told(future.result(), done)
-                    request.progress(_ended(found[joint], len(joints) - len(found)))
+                    if isinstance(future.exception(), BrokenProcessPool):
+                        future.result()
+                    with kept(joint):
+                        found[joint] = _told(future.result(), done)
+                        request.progress(_ended(found[joint], len(joints) - len(found) - len(failed)))
         except BrokenProcessPool:
             request.progress("a process ended without a result; going on in this one")
         except BaseException:  # also when the person stops it
@@ -92,10 +104,10 @@ def side_by_side(
                 process.terminate()
             raise
     for joint in joints:
-        if joint not in found:
-            with keeping(_beside(fits, joint)):
+        if joint not in found and joint not in failed:
+            with keeping(_beside(fits, joint)), kept(joint):
                 found[joint] = _told(tasks[joint](runs, joint, findings, request), done)
-    return [found[joint] for joint in joints]
+    return [found[joint] for joint in joints if joint in found]
 
 
 def _threads() -> int:

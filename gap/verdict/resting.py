@@ -47,7 +47,7 @@ def without_rests(
         return _off_scene(runs, touches, progress, test_group)
     try:
         resting = find_resting(robot, runs)
-    except (*NUMERICAL, ValueError, LookupError) as error:
+    except NUMERICAL as error:
         said = f"Whether the robot rests on something could not be told ({type(error).__name__}: {error})."
         return runs, [Finding("robot.rests_fault", "warning", None, None, said)]
     if resting is None:
