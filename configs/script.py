@@ -57,7 +57,7 @@ def _run(main: Callable[[list[str]], None], name: str, description: str, argumen
         print(stop, file=sys.stderr)
         return INTERRUPTED
     except SealegsError as error:
-        print(error, file=sys.stderr)
+        print(shown(str(error)), file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print("Stopped; what was written so far stays.", file=sys.stderr)
@@ -70,6 +70,11 @@ def _run(main: Callable[[list[str]], None], name: str, description: str, argumen
         where = f" {error.filename}" if error.filename else ""
         print(f"Cannot write{where}: {error.strerror}; what was written before stays.", file=sys.stderr)
         return BAD_INPUT
+
+
+def shown(text: str) -> str:
+    """A text for the terminal: what a file holds may be in it, and must not move the cursor or hide what was said."""
+    return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda found: repr(found[0])[1:-1], text)
 
 
 def _missing(error: ModuleNotFoundError, name: str) -> int:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from ..actuators import SealegsError, load_chain
-from ..actuators.chain import names
+from ..actuators.chain import LIBRARY, names
 from ..envs.contract import chain_hash
 
 
@@ -25,6 +26,9 @@ def told_chains(chains: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 def _told(stages: Sequence[Mapping[str, Any]], known: Mapping[str, str]) -> str:
     joined = "+".join(next(iter(stage)) for stage in stages)
+    nets = [Path(str(stage["net"]["file"])) for stage in stages if "net" in stage]
+    if any(net.parent != LIBRARY for net in nets):  # which no known chain has, and a contract's path is not opened
+        return joined
     try:
         return known.get(chain_hash({"": load_chain(list(stages))}), joined)
     except SealegsError:  # the file of its net is elsewhere

@@ -392,3 +392,42 @@ def test_a_learner_that_does_not_fit_gives_way_to_the_checkpoint_before(
     assert run(train.main, "train", "", [f"resume={machine.sac}", "total_timesteps=384"]) == 2
     first, *_, last = capsys.readouterr().err.strip().splitlines()
     assert "cannot be read (" in first and "No checkpoint" in last
+
+
+# --- what is said, read, and decides the limits of servos -----------------------------------------------------------
+
+
+def test_a_name_in_a_file_says_nothing_to_the_terminal_or_the_shell(
+    machine: Machine, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = machine.run / "final" / "policy.json"
+    path.write_text(path.read_text().replace(str(machine.folder / "mine.py"), "/x/\\u001b[2J$(touch y) mine.py"))
+    status, sentence = said("export", [str(path.parent), str(machine.folder / "out.onnx")], capsys)
+    assert status == 2 and "\x1b" not in sentence and "'task=/x/\\x1b[2J$(touch y) mine.py:Mine'" in sentence
+
+
+def test_a_file_beside_an_excitation_does_not_choose_the_limits_of_real_servos(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("arm.xml", "arm.yaml"):
+        shutil.copy(ROBOTS / name, tmp_path / name)
+    (tmp_path / "next.csv").write_text("time,shoulder.goal,elbow.goal\n0,0,0\n1,0,0\n")
+    (tmp_path / "next.yaml").write_text("robot: arm.yaml\nactuator: sts3215\n")
+    status, sentence = said("deploy", [f"excitation={tmp_path / 'next.csv'}", "hw=feetech", "port=/dev/null"], capsys)
+    assert status == 2 and f"give robot={tmp_path / 'arm.yaml'} yourself" in sentence
+
+
+def test_an_onnx_file_reads_no_file_outside_its_folder(machine: Machine) -> None:
+    path = machine.run / "final" / "policy.onnx"
+    model = onnx.load(path)
+    weights = next(item for item in model.graph.initializer if item.raw_data and len(item.dims) == 2)
+    secret = machine.folder / "secret"
+    secret.write_bytes(weights.raw_data)
+    for location in (str(secret), "../../secret"):
+        weights.ClearField("raw_data")
+        weights.ClearField("external_data")
+        weights.data_location = onnx.TensorProto.EXTERNAL
+        weights.external_data.add(key="location", value=location)
+        path.write_bytes(model.SerializeToString())
+        with pytest.raises(SealegsError, match=r"(?i)external data path"):
+            Policy(path)

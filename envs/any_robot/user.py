@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import re
+import shlex
 import sys
 import types
 from collections.abc import Mapping
@@ -111,8 +112,8 @@ def trained_in(env: Mapping[str, Any], where: str, task: str | None, key: str = 
         if known_user_id(said) is not None:  # this process was told of it
             return dict(env)
         raise SealegsError(
-            f"{where} was trained in {said}, and code is not run because a file names it: give {key}={said}, or "
-            "where you have that file, if you trust it."
+            f"{where} was trained in {said}, and code is not run because a file names it: give "
+            f"{shlex.quote(f'{key}={said}')}, or where you have that file, if you trust it."
         )
     file, name = (re.split(r"[/\\]", word)[-1] for word in (said, task))
     if file != name:

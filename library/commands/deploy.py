@@ -13,9 +13,11 @@ that sealegs diagnose reads, complete up to the last cycle.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+from sealegs.actuators.errors import SealegsError
 from sealegs.configs.script import Interrupted
 
 PLAIN = (
@@ -37,11 +39,17 @@ PLAIN = (
 def main(arguments: list[str]) -> None:
     """Run what the command line names."""
     from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
+    from sealegs.envs.robot_file import is_robot_file
     from sealegs.hw import deployment
     from sealegs.hw.own_robot import READERS
 
     given = split(arguments, PLAIN, _meant(arguments))
     if "robot" not in given and (robot := _robot_of_the_excitation(arguments)) is not None:
+        if is_robot_file(robot) and given.get("hw", "virtual") != "virtual":
+            raise SealegsError(
+                f"the file beside the excitation names the robot {robot}, whose file holds the limits of the servos: "
+                f"give {shlex.quote(f'robot={robot}')} yourself."
+            )
         print(f"The robot is {robot}, as the file beside the excitation says.")
         given["robot"] = robot
     config = compose("deploy", given, readers=READERS)
