@@ -412,7 +412,7 @@ def test_a_file_beside_an_excitation_does_not_choose_the_limits_of_real_servos(
     for name in ("arm.xml", "arm.yaml"):
         shutil.copy(ROBOTS / name, tmp_path / name)
     (tmp_path / "next.csv").write_text("time,shoulder.goal,elbow.goal\n0,0,0\n1,0,0\n")
-    (tmp_path / "next.yaml").write_text("robot: arm.yaml\nactuator: sts3215\n")
+    (tmp_path / "next.yaml").write_text("robot: arm.yaml\n")
     status, sentence = said("deploy", [f"excitation={tmp_path / 'next.csv'}", "hw=feetech", "port=/dev/null"], capsys)
     assert status == 2 and f"give robot={tmp_path / 'arm.yaml'} yourself" in sentence
 
