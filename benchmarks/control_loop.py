@@ -38,9 +38,8 @@ from sealegs.actuators.processes import end_with_parent
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Trajectory
-from sealegs.hw.deployment import SIGNALS
 from sealegs.hw.loop import ControlLoop, Outcome
-from sealegs.hw.measured_log import MeasuredLog, make_sidecar, read_events
+from sealegs.hw.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from sealegs.hw.registers import load_model
 from sealegs.hw.robot import ServoRobot, nominal_joints
 from sealegs.hw.safety import Limits, Safety

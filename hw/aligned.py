@@ -2,13 +2,15 @@
 
 A run of its own soon differs from the machine's, whatever the model: a hop more or less is enough. So the model is put
 where the machine was at the start of each window, gets the goals that the machine got, when it got them, and is
-compared over that window. How far it would be off if it were the machine is found alike, from a run of the model itself
-through virtual servos: encoder steps, the time of the bytes on the line, and speeds taken from differences are in both.
+compared over that window. How far it would be off if it were the machine is rehearsed in the same window, with the
+model in the place of the machine: encoder steps, the time of a reading and of the goals, speeds taken from differences,
+and how much a landing magnifies all that are then in both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -21,6 +23,8 @@ from .virtual.machine import Machine
 
 WINDOW = 0.2  # [s]
 DRAWS = 2000  # of the bootstrap
+DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
+WHOLE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 LOOPS = 5  # Newton steps that close a mechanism's loops
 
 
@@ -29,6 +33,10 @@ class Aligned:
 
     def __init__(self, robot: ServoRobot) -> None:
         """Build the machine that ``robot`` is believed to be."""
+        sizes = dict(zip((s.name for s in robot.sensors), robot.resolution[len(robot.joints) :], strict=True))
+        own = robot.resolution[: len(robot.joints)]
+        links = [sizes.get(f"{name}.link", size) for name, size in zip(robot.names, own, strict=True)]
+        self._steps = {"position": own, "link": np.array(links), "base": np.array([sizes[n] for n in robot.base_names])}
         sensors = {sensor.name: 1.0 for sensor in robot.sensors if not sensor.name.endswith(".link")}
         self._robot = robot
         self._machine = Machine(robot.robot, dict(robot.chains), None, robot.params, sensors)
@@ -41,32 +49,88 @@ class Aligned:
         return {model.joint(k).name for k in range(model.njnt)} & (names | base)
 
     def predict(self, run: Recording, window: float = WINDOW) -> Recording:
-        """``run`` as the model predicts it from its state at the start of each window; NaN in these rows themselves."""
-        machine, count = self._machine, len(run.time)
-        per_window = max(round(window / run.period), 2)
-        sent = np.where(np.isfinite(run.sent), run.sent, run.time) if len(run.sent) else run.time
-        columns = {
-            name: np.full(np.shape(getattr(run, name)), np.nan)
-            for name in ("position", "duty", "current", "voltage", "base")
-        }
-        joints = range(len(machine.names))
-        for first in range(1, count - 1, per_window):
+        """``run`` as the model predicts it from its state at the start of each window; NaN outside of windows."""
+        columns = blank(run)
+        for first, last in windows(run, window):
             self._put(run, first)
-            machine.data.time = run.time[first]
-            for row in range(first, min(first + per_window, count - 1)):
-                machine.advance(sent[row])
-                for joint in joints:
-                    machine.set_goal(joint, float(run.goal[row, joint]))
-                machine.advance(run.time[row + 1])
-                for name, value in (
-                    ("position", machine.reading), ("duty", machine.duty), ("current", machine.current),
-                    ("voltage", machine.voltage),
-                ):  # fmt: skip
-                    columns[name][row + 1] = [value(joint) for joint in joints]
-                behind = range(len(joints), len(machine.encoders))
-                columns["base"][row + 1] = [machine.position(sensor) for sensor in behind]
-        velocity = velocity_of(run.time, np.where(np.isfinite(columns["position"]), columns["position"], run.position))
-        return Recording(run.time, run.goal, velocity=velocity, rewards={}, **columns)
+            self._follow(run, first, last, run.time, columns)
+        return _recording(run, columns)
+
+    def rehearse(self, run: Recording, window: float = WINDOW) -> tuple[Recording, Recording]:
+        """What :meth:`predict` would come to if the machine were the model: what was measured, and its prediction.
+
+        The machine is simulated into and through each window of ``run``, with its goals as they went out. It is read as
+        servos are: when they were asked, while the log dates the reading to the middle of the transaction, in the steps
+        of their encoders. It goes on from window to window as a machine does, whose integrators fill and whose legs
+        brace each other within a step of their encoders. Where it has strayed, as a hopper does after some hops, it is
+        put where the machine was a window earlier.
+        """
+        measured, predicted, per_window = blank(run), blank(run), _per_window(run, window)
+        asked = run.asked if len(run.asked) else run.time
+        model, data = self._machine.model, self._machine.data
+        places = np.concatenate([run.position, run.base], axis=1)
+        steps = np.concatenate([self._steps["position"], self._steps["base"]])
+        near = np.maximum(DEPARTS * places.std(axis=0), 2.0 * steps)
+        state, there = np.zeros(mujoco.mj_stateSize(model, WHOLE)), np.full(len(steps), np.inf)
+        for first, last in windows(run, window):
+            begin = first - per_window
+            if (np.abs(there - places[begin]) < near).all():
+                mujoco.mj_setState(model, data, state, WHOLE)
+                install()
+                mujoco.mj_forward(model, data)
+            else:
+                self._put(run, begin)
+            read = blank(run)
+            self._follow(run, begin, first, asked, read)
+            mujoco.mj_getState(model, data, state, WHOLE)
+            there = np.concatenate([read["position"][first], read["base"][first]])
+            self._follow(run, first, last, asked, read)
+            for name, step in self._steps.items():
+                if read[name].size:
+                    read[name][:] = step * np.round(read[name] / step)
+            rows = np.arange(first - 1, last + 1)
+            part = replace(_recording(run, read), sent=run.sent).cut(rows)
+            foreseen = blank(part)
+            self._put(part, 1)
+            self._follow(part, 1, len(rows) - 1, part.time, foreseen)
+            for name in measured:
+                if measured[name].size:
+                    measured[name][first + 1 : last + 1] = read[name][first + 1 : last + 1]
+                    predicted[name][first + 1 : last + 1] = foreseen[name][2:]
+        return _recording(run, measured), _recording(run, predicted)
+
+    def _follow(
+        self,
+        run: Recording,
+        first: int,
+        last: int,
+        times: np.ndarray,
+        columns: Mapping[str, np.ndarray],
+    ) -> None:
+        """Simulate from the row ``first`` to ``last`` with the goals of ``run``, and note what is there at ``times``.
+
+        Args:
+            run: with n rows.
+            first, last: of them.
+            times: of the rows (n,) [s].
+            columns: to fill.
+        """
+        machine, joints = self._machine, range(len(self._machine.names))
+        sent = np.where(np.isfinite(run.sent), run.sent, run.time) if len(run.sent) else run.time
+        machine.data.time = times[first]
+        for row in range(first, last):
+            machine.advance(sent[row])
+            for joint in joints:
+                machine.set_goal(joint, float(run.goal[row, joint]))
+            machine.advance(times[row + 1])
+            for name, value in (
+                ("position", machine.reading), ("duty", machine.duty), ("current", machine.current),
+                ("voltage", machine.voltage),
+            ):  # fmt: skip
+                columns[name][row + 1] = [value(joint) for joint in joints]
+            columns["base"][row + 1] = [machine.position(k) for k in range(len(joints), len(machine.encoders))]
+            if run.link.size:
+                columns["link"][row + 1] = [machine.link(joint) for joint in joints]
 
     def _put(self, run: Recording, row: int) -> None:
         """The state of the machine at a row, its speeds from the rows beside it."""
@@ -113,28 +177,49 @@ class Aligned:
         return np.array(data.qpos)
 
 
+def _per_window(run: Recording, window: float) -> int:
+    return max(round(window / run.period), 2)
+
+
+def windows(run: Recording, window: float = WINDOW) -> list[tuple[int, int]]:
+    """First row of each whole window but the first, from which the next is approached, and the row that ends it."""
+    per_window = _per_window(run, window)
+    return [(at, at + per_window) for at in range(1 + per_window, len(run.time) - per_window, per_window)]
+
+
+def blank(run: Recording) -> dict[str, np.ndarray]:
+    """Columns like those of ``run``, of NaN."""
+    names = ("position", "duty", "current", "voltage", "base", "link")
+    return {name: np.full(np.shape(getattr(run, name)), np.nan) for name in names}
+
+
+def _recording(run: Recording, columns: Mapping[str, np.ndarray]) -> Recording:
+    """With the times and goals of ``run``; speeds are from its positions where others are unknown."""
+    known = np.isfinite(columns["position"])
+    velocity = velocity_of(run.time, np.where(known, columns["position"], run.position))
+    return Recording(run.time, run.goal, velocity=np.where(known, velocity, np.nan), rewards={}, **columns)
+
+
 def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.ndarray:
-    """Mean squares in each whole window of the position error of the joints, and behind them of the base (w, k + b)."""
-    per_window = max(round(window / run.period), 2)
+    """Mean squares in each window of the position error of the joints, and behind them of the base (w, k + b)."""
     difference = np.concatenate([predicted.position - run.position, predicted.base - run.base], axis=1)
-    count = (len(difference) - 2) // per_window
-    whole = difference[2 : 2 + count * per_window].reshape(count, per_window, -1)
-    return np.nanmean(whole**2, axis=1)
+    rows = [np.nanmean(difference[first + 1 : last + 1] ** 2, axis=0) for first, last in windows(run, window)]
+    return np.array(rows).reshape(len(rows), difference.shape[1])
 
 
 def ratios(found: np.ndarray, accounted: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
     """How many times what is accounted for an error is (s,), and a lower confidence bound of that.
 
-    Windows differ: in one of them a foot lands. So the bound is a bootstrap's, over the windows of both runs.
+    Windows differ: in one of them a foot lands. So the bound is a bootstrap's, over the windows.
 
     Args:
-        found, accounted: mean squares (w, s), (v, s).
+        found, accounted: mean squares in the same windows (w, s).
         share: probability of a ratio below the bound.
     """
-    rng = np.random.default_rng(0)
+    weights = block_weights(len(found), DRAWS, np.random.default_rng(0))
 
     def drawn(rows: np.ndarray) -> np.ndarray:
-        return np.sqrt(block_weights(len(rows), DRAWS, rng) @ rows / len(rows))
+        return np.sqrt(weights @ rows / len(rows))
 
     least = 1e-9  # [rad or m]
     ratio = np.sqrt(found.mean(axis=0)) / np.maximum(np.sqrt(accounted.mean(axis=0)), least)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,12 +11,15 @@ import numpy as np
 from ..actuators.errors import SealegsError
 
 LOWEST_RATE, HIGHEST_RATE = 0.5, 1000.0  # [Hz]
-Hold = Callable[[float], object]
-"""Lets a virtual machine's time pass until so long after the reading of the cycle [s]."""
 
 
 class Clock(Protocol):
     """What tells the time, and lets it pass."""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it waits for whoever asks it: it then tells nothing of the host."""
+        ...
 
     def now(self) -> float:
         """Monotonic [s]."""
@@ -30,6 +32,8 @@ class Clock(Protocol):
 
 class HostClock:
     """The host's monotonic clock."""
+
+    simulated = False
 
     def now(self) -> float:
         """[s]."""
@@ -91,20 +95,15 @@ class Metronome:
 
     Attributes:
         period: [s].
-        stepped: whether time is the machine's.
         cycles: done so far.
         overruns: of them.
     """
 
-    def __init__(
-        self, rate: float, stepped: Hold | None = None, expected: int = 1 << 16, clock: Clock | None = None
-    ) -> None:
+    def __init__(self, rate: float, expected: int = 1 << 16, clock: Clock | None = None) -> None:
         """Begin to count with the first :meth:`wait`.
 
         Args:
             rate: cycles per second [Hz].
-            stepped: holds a machine whose time advances by a period in each cycle, however long that takes: nothing is
-                waited for, and :meth:`now` is that time; None: time is the host's.
             expected: cycles to make room for.
             clock: other than the host's, such as a simulated port's.
 
@@ -114,8 +113,6 @@ class Metronome:
         if not LOWEST_RATE <= rate <= HIGHEST_RATE:
             raise SealegsError(f"the rate is {rate:g} Hz; it must be between {LOWEST_RATE:g} and {HIGHEST_RATE:g} Hz.")
         self.period = 1.0 / rate
-        self.stepped = stepped is not None
-        self._hold, self._held = stepped, 0.0
         self._clock: Clock = clock or HostClock()
         self._due: float | None = None
         self._times = np.zeros((4, max(expected, 16)))  # late, work, read, command; grown when full
@@ -124,25 +121,16 @@ class Metronome:
         self._ended: tuple[float, float] | None = None
 
     def now(self) -> float:
-        """The host's monotonic clock, or in stepped time the machine's [s]."""
-        return self._woke + self._held if self.stepped else self._clock.now()
+        """Of the clock [s]."""
+        return self._clock.now()
 
     def hold(self, time: float) -> None:
         """Wait within a cycle until ``time`` [s]; not at all where it has passed."""
-        if (left := time - self.now()) <= 0.0:
-            return
-        if self._hold is None:
+        if (left := time - self.now()) > 0.0:
             self._clock.sleep(left)
-        else:
-            self._held = time - self._woke  # a stepped cycle is read as it begins
-            self._hold(self._held)
 
     def wait(self) -> float:
         """Sleep until the next cycle is due; :meth:`now` at its beginning [s]."""
-        if self.stepped:
-            self._due = self._woke = self._woke + self.period
-            self._held = 0.0
-            return self._woke
         now = self._clock.now()
         if self._due is None:
             self._due = self._began = now
@@ -199,5 +187,5 @@ class Metronome:
             command_mean=float(np.nanmean(command)) if np.isfinite(command).any() else 0.0,
             command_p99=float(np.nanquantile(command, 0.99)) if np.isfinite(command).any() else 0.0,
             cpu_share=(cpu - self._cpu) / wall if self._began else 0.0,
-            stepped=self.stepped,
+            stepped=self._clock.simulated,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +13,15 @@ import numpy as np
 from ..actuators.errors import SealegsError
 from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
-from ..gap.log import read_measured
 from . import deployment
-from .aligned import WINDOW, Aligned, ratios, squares
+from .aligned import DEPARTS, WINDOW, Aligned, ratios, squares
 from .commands import PolicyCommands
 from .comparison_figures import Figures, measure, rms_by_unit, told
-from .measured_log import read_events
 from .policy import Policy
 from .robot import ServoRobot, build_robot, extended_robot
-from .simulated import Recording, rewards_of, simulate, velocity_of
+from .simulated import Recording, recorded, simulate
 
 MACHINE = "machine"
-DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
 LASTS = 3  # cycles in a row that it takes
 GAP = 1.5  # times what is accounted for: from here on it is a gap, where that is no chance
 CHANCE = 0.05  # that a gap is named where there is none, over all joints and the base
@@ -94,7 +91,7 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     assert isinstance(own, PolicyCommands)
     say(f"On the machine ({'servos' if config['hw']['virtual'] is None else 'virtual bus'}), {seconds:g} s")
     outcome, log = on_machine(prepared, say)
-    machine = from_log(log, own)
+    machine = recorded(log, own)
     if len(machine.time) < rate:
         raise SealegsError(f"the machine's run ended after {len(machine.time)} cycles: {outcome}; the log is {log}.")
     limits = prepared.limits
@@ -106,14 +103,14 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
         run = simulate(model, commands(), limits, rate, spent)
         runs[name] = run.cut(min(len(run.time), len(machine.time)))
         aligned = Aligned(model)
-        twin, predicted = aligned.predict(run), aligned.predict(machine)
-        unpredictable = find_departures(run, twin, robot)  # from the measured state not even where nothing differs
+        predicted, (rehearsed, foreseen) = aligned.predict(machine), aligned.rehearse(machine)
+        unpredictable = find_departures(rehearsed, foreseen, robot)  # not even where nothing differs
         departures = {
             signal: at
             for signal, at in find_departures(machine, predicted, robot).items()
             if signal not in unpredictable
         }
-        gap = gap_of(squares(machine, predicted), squares(run, twin), robot)
+        gap = gap_of(squares(machine, predicted), squares(rehearsed, foreseen), robot)
         departures = departures if gap["gap"] is not None else {}
         first = min(departures, key=lambda signal: departures[signal], default=None)
         figures[name] = measure(
@@ -225,29 +222,6 @@ def command_schedule(
     return task.commands(np.random.default_rng(seed).random((count, task.draws))), segment
 
 
-def from_log(path: Path, commands: PolicyCommands) -> Recording:
-    """The machine's run out of its log; speeds as the models have them, differences over a cycle."""
-    run = read_measured(path).runs[0]
-    joints = list(run.joints.values())
-
-    def column(name: str) -> np.ndarray:
-        return np.stack([getattr(joint, name) for joint in joints], axis=1)
-
-    begun = commands.history[0].time - run.time[0] if commands.history else 0.0
-    base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
-    columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
-    columns["velocity"] = velocity_of(run.time, columns["position"])
-    links = [joint.link_position for joint in joints if joint.link_position is not None]
-    link = np.stack(links, axis=1) if len(links) == len(joints) else np.empty((0, 0))
-    sent = run.host["goal_sent"] - run.time[0] if "goal_sent" in run.host else np.empty(0)
-    # a model is put into states that are measured as a whole
-    known = np.isfinite(np.concatenate([base, link.reshape(len(base), -1)], axis=1).sum(axis=1))
-    found = Recording(run.time - run.time[0], **columns, base=base, rewards={}, sent=sent, link=link).cut(known)
-    found = replace(found, rewards=rewards_of(commands, run.time[known] + begun))
-    sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)
-    return found.cut(int((run.time[known] < sat).sum()))
-
-
 def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> dict[str, float]:
     """When each signal of a model leaves that of the machine for good, or for :data:`LASTS` cycles [s].
 
@@ -261,7 +235,8 @@ def find_departures(machine: Recording, model: Recording, robot: ServoRobot) -> 
         signals[f"base.{name}"] = machine.base[:, k], model.base[:, k]
     found = {}
     for name, (ours, theirs) in signals.items():
-        spread = float(ours.std())
+        known = np.isfinite(ours)
+        spread = float(ours[known].std()) if known.any() else 0.0
         if spread < 1e-9 or not np.isfinite(theirs).any() or not np.nan_to_num(theirs).any():
             continue  # not measured, or not in the model
         off = np.abs(ours - theirs) > DEPARTS * spread

@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 from annotated_types import Gt, Le
@@ -15,10 +16,10 @@ from ..configs.check import Count, checked
 from .adapters import Whereabouts
 from .bus import ServoBus
 from .buses import BusGroup
-from .clock import Hold
 from .interface import Bus
 from .limits import Limits
 from .packets import ConfigurationError
+from .port import BusPort
 from .registers import ready_at
 from .robot import Joint, ServoRobot
 from .supervisor import Bearable, Charge, Opening, Rest
@@ -37,19 +38,22 @@ def checked_hw(hw: Mapping[str, Any]) -> dict[str, Any]:
     return {**hw, "baudrate": checked("hw.baudrate", hw["baudrate"], Count), "timeout": timeout}
 
 
+Port = str | BusPort
+
+
 @dataclass(frozen=True)
 class Opened:
     """Ports that are there.
 
     Attributes:
-        ports: their paths, by name of the bus.
+        ports: by name of the bus: their paths, or in stepped time a port to servos in this process.
         let_go: takes away the hand that holds a virtual machine; does nothing on a real one.
-        hold: of a virtual machine in stepped time, which waits for the loop; None: time is the host's.
+        within: whether the servos are in this process and end with it, whatever ends it.
     """
 
-    ports: Mapping[str, str]
+    ports: Mapping[str, Port]
     let_go: Callable[[], None] = lambda: None
-    hold: Hold | None = None
+    within: bool = False
 
 
 @contextlib.contextmanager
@@ -58,7 +62,6 @@ def opened_port(
     port: str | None,
     robot: ServoRobot,
     truth: Any,
-    period: float = 0.01,
     params: Mapping[str, float] | None = None,
     pose: Mapping[str, float] | None = None,
 ) -> Iterator[Opened]:
@@ -70,7 +73,6 @@ def opened_port(
         robot: as the host sees it; a virtual machine has its servos mounted like that.
         truth: chain of a virtual machine, before what it hides.
         params: numbers of a virtual machine, before what it hides; None: those of ``robot``.
-        period: of the loop [s]; a virtual machine in stepped time advances by it in each cycle.
         pose: in which a hand holds a virtual machine until the run begins; None: as it is, until torque comes on.
 
     Raises:
@@ -88,7 +90,10 @@ def opened_port(
         raise SealegsError(
             "hw=virtual starts a bus of its own; to use one that runs already, give hw=feetech port=<path>."
         )
+    from ..configs.compose import compose, split
     from .virtual import VirtualBus
+    from .virtual.in_process import PLAIN, ports_of
+    from .virtual.launcher import words
 
     mounts: dict[str, dict[str, Any]] = {
         j.name: {"id": j.id, "zero": j.zero, "direction": j.direction, "per_radian": j.per_radian} for j in robot.joints
@@ -105,7 +110,6 @@ def opened_port(
         "model": robot.servo.name,
         "held": "order" if pose else "torque",
         "pose": dict(pose or {}),
-        "cycle": period,
         "registers": {**ready_at(robot.servo, hw["baudrate"]), **robot.registers},
         "buses": {name: model.name for name, model in others.items()},
         "bus_registers": {
@@ -116,9 +120,15 @@ def opened_port(
         known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}
     if truth is not None:
         known["actuator"] = truth
-    with VirtualBus(**{**known, **hw["virtual"]}) as bus:
-        hold = bus.hold if hw["virtual"].get("time") == "stepped" else None
-        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go, hold)
+    known |= hw["virtual"]
+    if known.get("time") == "stepped":
+        rates = {line.name: line.baudrate or hw["baudrate"] for line in robot.lines} | {"": hw["baudrate"]}
+        ports = ports_of(compose("virtual", split(words(known), PLAIN)), rates, hw["timeout"])
+        rig = ports[""].wire.rig
+        yield Opened({line.name: ports[line.name] for line in robot.lines}, partial(setattr, rig, "held", None), True)
+        return
+    with VirtualBus(**known) as bus:
+        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go)
 
 
 def check_joint(bus: ServoBus, joint: Joint) -> None:
@@ -151,17 +161,14 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
         )
 
 
-def openings(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot) -> dict[str, Opening]:
+def openings(hw: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRobot) -> dict[str, Opening]:
     """How to open each bus of a robot, by its name; ``hw`` is checked."""
-    return {
-        line.name: Opening(
-            ports[line.name],
-            line.baudrate or hw["baudrate"],
-            line.model(robot.servo).name,
-            hw["timeout"],
-        )
-        for line in robot.lines
-    }
+    found = {}
+    for line in robot.lines:
+        port, rate, servo = ports[line.name], line.baudrate or hw["baudrate"], line.model(robot.servo).name
+        path, opened = (port, None) if isinstance(port, str) else (port.port_name, port)
+        found[line.name] = Opening(path, rate, servo, hw["timeout"], opened=opened)
+    return found
 
 
 def bus_watchdog(hw: Mapping[str, Any], period: float) -> float | None:
@@ -180,7 +187,7 @@ def bus_watchdog(hw: Mapping[str, Any], period: float) -> float | None:
     return None if seconds is None else max(seconds, WATCHED_CYCLES * period)
 
 
-def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, period: float) -> Bus:
+def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRobot, period: float) -> Bus:
     """The bus, or several as one, with every servo of the robot there and set up.
 
     Args:
@@ -199,7 +206,9 @@ def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobo
             parts[name] = opening()
             parts[name].watchdog = watchdog
         alone = set(parts) == {""}
-        bus = parts[""] if alone else BusGroup(parts, {line.name: line.number for line in robot.lines})
+        within = any(isinstance(port, BusPort) for port in ports.values())  # one clock, which passes with each word
+        numbers = {line.name: line.number for line in robot.lines}
+        bus = parts[""] if alone else BusGroup(parts, numbers, parallel=not within)
         bus.check(robot.all_ids)
         for joint in robot.joints:
             check_joint(parts[joint.line.name], joint)
@@ -211,7 +220,7 @@ def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobo
 
 
 def charge_of(
-    config: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, rest: Rest, events: str, limits: Limits
+    config: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRobot, rest: Rest, events: str, limits: Limits
 ) -> Charge:
     """What the supervisor of a run must know.
 

@@ -31,7 +31,7 @@ from .excitation import library_excitation
 from .interface import Bus
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
-from .measured_log import MeasuredLog, make_sidecar, read_events
+from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from .newest_calibration import newest
 from .policy import Policy
 from .realtime import realtime
@@ -43,7 +43,6 @@ from .unlike import unlike_the_factory, unlike_the_file
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
 DRY_CYCLES = 10
-SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 RESTS = ("release", "hold", "sit")
 SOURCES = ("policy", "excitation", "replay", "reference")
 KINDS: dict[str, Any] = {
@@ -168,7 +167,7 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     stop = Stop()
     truth, params = config["robot"].get("actuator"), config["robot"].get("params") or {}
     pose = getattr(deployment.commands, "pose", None)
-    opened = opened_port(config["hw"], config["port"], robot, truth, 1.0 / deployment.rate, params, pose)
+    opened = opened_port(config["hw"], config["port"], robot, truth, params, pose)
     with stop.on_signals(), opened as found:
         bus = opened_bus(config["hw"], found.ports, robot, 1.0 / deployment.rate)
         with contextlib.closing(bus):
@@ -236,9 +235,11 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
             f"into {log.path}"
         )
-        charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()), deployment.limits)
-        # a terminal's keys are the shell's again when the run is over
-        supervisor = Supervisor(replace(charge, button=None if by_key else button))
+        supervisor = None
+        if not opened.within:  # such servos end with this process: nobody would be left to guard
+            charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()), deployment.limits)
+            # a terminal's keys are the shell's again when the run is over
+            supervisor = Supervisor(replace(charge, button=None if by_key else button))
         pressed = stack.enter_context(emergency_stop(button, stop, lambda: release(supervisor, bus, robot.ids)))
         loop = ControlLoop(
             bus,
@@ -251,7 +252,6 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             rest=rest,
             park=deployment.park,
             stop=stop,
-            stepped=opened.hold,
             each_cycle=switch or (lambda: None),
             armed=(lambda: switch.armed(lambda: stop.reason is not None)) if switch else (lambda: None),
             overruns=config["overruns"],
@@ -287,6 +287,8 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     if outcome.bus:
         kinds = ", ".join(f"{name} {count}" for name, count in outcome.bus.items())
         say(f"Replies that did not come or could not be used, within what safety allows: {kinds}.")
+    if outcome.note:
+        say(outcome.note)
     events = done.log.with_suffix(".events.jsonl")
     kept = f"; what happened until then is in {events}" if events.exists() else ""
     say(f"Log: {done.log if done.log.exists() else f'none, since the run ended before its first cycle{kept}'}")

@@ -84,10 +84,11 @@ def check_descriptor(number: int) -> None:
         )
 
 
-def release(supervisor: Supervisor, bus: Bus, ids: Sequence[int]) -> None:
-    """Switch torque off; the supervisor hears first, since it goes on where the bus cannot."""
-    supervisor.release_only()
-    supervisor.resting()
+def release(supervisor: Supervisor | None, bus: Bus, ids: Sequence[int]) -> None:
+    """Switch torque off; a supervisor hears first, since it goes on where the bus cannot."""
+    if supervisor is not None:
+        supervisor.release_only()
+        supervisor.resting()
     bus.torque_off(ids)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..actuators.errors import SealegsError
 from .address import named
 from .alarm import to_stderr
-from .clock import Hold, Metronome
+from .clock import Metronome
 from .commands import Commands
 from .current_sign import CurrentSign
 from .interface import Bus
@@ -61,7 +61,6 @@ class ControlLoop:
         supervisor: Supervisor | None = None,
         rest: Rest = "release",
         stop: Stop | None = None,
-        stepped: Hold | None = None,
         each_cycle: Callable[[], str | None] = lambda: None,
         alarm: Callable[[str], None] = to_stderr,
         overruns: Literal["log", "stop"] = "log",
@@ -81,7 +80,6 @@ class ControlLoop:
             supervisor: that outlives the loop; None: none.
             rest: what becomes of the servos at the end.
             stop: a person's wish to stop.
-            stepped: holds a virtual machine whose time advances by a period in each cycle, however long that takes.
             each_cycle: called in every cycle, and on the ways to the start and to the park pose; a text that it
                 returns stops all motion, such as the dead-man's switch.
             alarm: says at once what a person must know.
@@ -92,7 +90,7 @@ class ControlLoop:
             overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
         self.bus, self.robot, self.safety, self.commands = bus, robot, safety, commands
-        self._metronome = Metronome(rate, stepped, clock=bus.clock)
+        self._metronome = Metronome(rate, clock=bus.clock)
         self._log, self._supervisor = log, supervisor
         self._rest: Rest = rest
         self._stop, self.each_cycle, self.alarm, self._armed = stop or Stop(), each_cycle, alarm, armed
@@ -105,6 +103,7 @@ class ControlLoop:
         self.sent = np.zeros(len(robot.joints))
         self._current_sign = CurrentSign(robot)
         self.park, self._torque_on, self._let_go, self._begins = park, False, False, begins
+        self._note = ""
         self._watch = TorqueWatch(self._metronome.period)
         self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
 
@@ -169,9 +168,8 @@ class ControlLoop:
         self._event(
             "end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns, **held
         )
-        return Outcome(
-            ending, self._stop.reason, fault, timing, cut, bus, at_rest.failed, at_rest.seconds, at_rest.rest
-        )
+        rest = at_rest.failed, at_rest.seconds, at_rest.rest
+        return Outcome(ending, self._stop.reason, fault, timing, cut, bus, *rest, self._note)
 
     def _way_to_rest(self) -> WayToRest:
         to = partial(setattr, self, "state")
@@ -212,11 +210,10 @@ class ControlLoop:
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""
         self.bus.read_state(self.robot.all_ids)  # with all retries: who is missing here is missing
-        if not self._metronome.stepped:
-            for adapter, own in self.bus.adapters(self.robot.all_ids):
-                slow = too_slow(reading_time(adapter, own), self._metronome.period, adapter.port, adapter.model)
-                if slow is not None and (fault := self._named("slow", slow)) is not None:
-                    return fault
+        for adapter, own in self.bus.adapters(self.robot.all_ids):
+            slow = too_slow(reading_time(adapter, own), self._metronome.period, adapter.port, adapter.model)
+            if slow is not None and (fault := self._named("slow", slow)) is not None:
+                return fault
         self.reading = self._read_once()
         self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)  # nothing lags before it is told to
         fault = self._judge(self.reading)
@@ -231,12 +228,9 @@ class ControlLoop:
         return None
 
     def _read_once(self) -> Reading:
-        stepped = self._metronome.stepped
-        until = None if stepped else self.bus.clock.now() + RETRYING * self._metronome.period
+        until = self.bus.clock.now() + RETRYING * self._metronome.period
         state = self.bus.read_cycle(self.robot.all_ids, self._watch.due(self._metronome.now()), until)
         self._read_at = state.after
-        if self._metronome.stepped:
-            state = replace(state, before=self._metronome.now(), after=self._metronome.now())
         return self._current_sign.mended(self.robot.reading(state, self.reading))
 
     def _reading(self) -> Reading | Fault | None:
@@ -336,7 +330,6 @@ class ControlLoop:
             self._metronome.hold(reading.time + delay)
         try:
             sent = self.bus.write_goals(ids, self.robot.to_servo(admitted))
-            sent = self._metronome.now() if self._metronome.stepped else sent
         except BusError as error:
             self._write_last(reading)
             return fault_of(error)
@@ -375,15 +368,24 @@ class ControlLoop:
             self._log.event(self.elapsed, kind, **details)
 
     def _sit(self, park: Commands) -> Fault | None:
-        """Go slowly to where ``park`` begins, and along it; under the same limits as all else."""
+        """Go slowly to where ``park`` begins, and along it; under the same limits as all else.
+
+        A joint that does not get there ends the way down as a fault ends a run, but is none: the run was over.
+        """
         heeded, self.state = self._stop.asked, "sitting down"
-        here, start = self.sent, park.start()
+        assert self.reading is not None  # without one no torque came on
+        here, start = self.safety.goals_from(self.sent, self.reading.position), park.start()
+        self.sent = here
         start = here if start is None else np.where(np.isnan(start), here, start)
         way = Way(self.robot, here, np.clip(start, self.robot.low, self.robot.high))
         begun = self._metronome.wait()
         self._event("sitting down")
         while (now := self._metronome.now() - begun) < way.span + park.duration + SEATED:
             reading = self._reading()
+            if isinstance(reading, Fault) and reading.name == "following":  # it lies on something, and is let go now
+                self._note = f"The robot was released before it sat: {reading.sentence}"
+                self._event("not seated", sentence=reading.sentence, servos=named(reading.servos))
+                return None
             if isinstance(reading, Fault):
                 return replace(reading, sentence=f"while sitting down: {reading.sentence}")
             if self._said(self.each_cycle()) or self._stop.asked > heeded or self._stop.emergency:
@@ -397,7 +399,7 @@ class ControlLoop:
             sent = self.bus.write_goals(self.robot.ids, self.robot.to_servo(admitted))
             self.sent = admitted
             if reading is not None:
-                self._write(reading, self._metronome.now() if self._metronome.stepped else sent)
+                self._write(reading, sent)
             if (fault := self._beat()) is not None:
                 return fault
             self._metronome.wait()

@@ -38,6 +38,8 @@ FORMATS = {
     "temperature": "%.1f",
     "link_position": "%.6f",
 }
+SIGNALS = tuple(name for name in FORMATS if name != "link_position")
+"""Of every joint; the last of :data:`FORMATS` has an encoder of its own."""
 TAKEN = "{}: exists already and a recording is never overwritten; choose another name or folder"
 HOST = ("read_sent", "read_done", "goal_sent")
 """Host's clock [s]: as the request for the readings went out, as the last reply had come, as the goals went out."""

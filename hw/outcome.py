@@ -24,6 +24,7 @@ class Outcome:
         not_at_rest: servos that could not be brought to rest by the loop, and why.
         rest: what was done to them: ``release`` or ``hold``.
         rest_seconds: from the end of the last cycle to the servos at rest [s].
+        note: what else a person should know; "": nothing.
     """
 
     ending: str
@@ -35,6 +36,7 @@ class Outcome:
     not_at_rest: dict[int, str] = field(default_factory=dict)
     rest_seconds: float = 0.0
     rest: str = "release"
+    note: str = ""
 
 
 def fault_of(error: SealegsError) -> Fault:

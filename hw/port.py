@@ -73,11 +73,14 @@ class BusPort(PortHandler):
     ever. No other program can share the port, and ``clearPort`` discards what has come in.
 
     Attributes:
+        simulated: whether its time is simulated, and waits for whoever asks.
         reply_timeout: wait for the first byte of a reply beyond the time that its bytes take [s].
         discarded: bytes that the latest ``clearPort`` threw away, an echo left out.
         received: bytes that were read since.
         echo: takes out what the adapter returns of what was sent.
     """
+
+    simulated = False
 
     def __init__(self, path: str, baudrate: int, reply_timeout: float, rates: Sequence[int] = RATES) -> None:
         """Open the port.

@@ -52,6 +52,7 @@ class ServoRobot:
         names: of the joints.
         model_names: what the robot's model calls them; of a belt over several joints its own name.
         low, high: range of each joint (k,) [rad or m].
+        resolution: how far what a servo of ``all_ids`` measures goes in a step of its encoder [rad or m].
         units: of the joints, rad or m.
         lines: buses that its servos are on, the first one first.
     """
@@ -97,6 +98,7 @@ class ServoRobot:
         self._scales = np.array(
             [*(j.direction * j.per_radian for j in self.joints), *(s.per_radian for s in self.sensors)]
         )
+        self.resolution = np.abs(self._scales) * [model.step for model in models]
         self._signs = np.array([float(joint.direction) for joint in self.joints])
         units = BaseLayout(robot, self.params).units
         self.units = [units[item.terms[0][0]] for item in robot.coordinates]

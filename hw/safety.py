@@ -180,6 +180,22 @@ class Safety:
         text = "has reported the same position for {1:g} s although its goal has moved: its encoder is stuck, or it is"
         return self._first("frozen", watch.stuck, text, watch.stuck, watch.limits, "following")
 
+    def goals_from(self, sent: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """Where another motion begins: at the last goals, but nowhere further from a joint than that may be behind.
+
+        A policy sends goals to be on the way to, not to arrive at: a leg that pushes off has its goal far ahead.
+
+        Args:
+            sent: the last goals (k,) [rad or m].
+            position: of the joints (k,) [rad or m].
+
+        Returns:
+            Goals (k,) [rad or m]; how fast the goals before them were counts no more.
+        """
+        near = np.clip(sent, position - self._following.limits, position + self._following.limits)
+        self._wanted, self._too_fast = np.clip(near, self._robot.low, self._robot.high), np.zeros(len(near))
+        return self._wanted
+
     # --- measurements ------------------------------------------------------------------------------------------
 
     def judge(self, reading: Reading) -> Fault | None:

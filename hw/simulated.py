@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
+import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..actuators.errors import SealegsError
+from ..gap.log import read_measured
 from .commands import Commands
+from .loop import ControlLoop
+from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from .robot import Reading, ServoRobot
 from .safety import Limits, Safety
 from .virtual.in_process import bus_in_process
-
-SETTLING = 1.0  # [s] that the robot holds the start before the run, as on servos
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,7 @@ class Recording:
         base: of the robot's base, as far as it is measured (n, b).
         rewards: terms of the reward by name (n,), 0 in cycles without a control step; of a policy only.
         sent: when each cycle's goals went out (n,) [s]; empty: with the reading.
+        asked: when the readings were asked for (n,) [s], of which ``time`` is the middle; empty: at ``time``.
         link: position behind springs (n, k); empty: not measured.
     """
 
@@ -40,6 +48,7 @@ class Recording:
     base: np.ndarray
     rewards: Mapping[str, np.ndarray]
     sent: np.ndarray = field(default_factory=lambda: np.empty(0))
+    asked: np.ndarray = field(default_factory=lambda: np.empty(0))
     link: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
@@ -56,10 +65,23 @@ class Recording:
         return Recording(**values, rewards={name: value[kept] for name, value in self.rewards.items()})
 
 
+class _Unstopped(Safety):
+    """Keeps goals within their limits; nothing that is measured stops a simulation."""
+
+    def judge(self, reading: Reading) -> None:
+        del reading
+
+    def follows(self, goal: np.ndarray, reading: Reading) -> None:
+        del goal, reading
+
+
 def simulate(
     robot: ServoRobot, commands: Commands, limits: Limits, rate: float, duration: float, hidden: str | None = None
 ) -> Recording:
     """Run ``commands`` on virtual servos in this process, in simulated time.
+
+    The loop is that of servos, and its log is read as theirs is: what readings, their times and the rounding of a log
+    do is in both.
 
     Args:
         robot: its numbers, chains and ranges.
@@ -68,50 +90,50 @@ def simulate(
         rate: cycles per second [Hz].
         duration: [s].
         hidden: file of what the machine really is; None: what ``robot`` is believed to be.
+
+    Raises:
+        SealegsError: it comes to nothing, such as a robot that does not reach its start.
     """
-    pose = getattr(commands, "pose", None)
-    bus, rig = bus_in_process(robot, hidden=hidden, pose=pose)
-    clock = bus.line.port
-    safety = Safety(robot, limits, 1.0 / rate)
-    reading = robot.reading(bus.read_state(robot.all_ids))
-    start = commands.start()
-    sent = np.clip(reading.position if start is None else start, robot.low, robot.high)
-    bus.torque_on(robot.ids)
-    bus.write_goals(robot.ids, robot.to_servo(sent))
-    clock.sleep(SETTLING)
-    rig.held = None
-    begun = clock.now()
-    rows: list[tuple[Any, ...]] = []
-    for cycle in range(round(duration * rate)):
-        clock.sleep(begun + cycle / rate - clock.now())
-        reading = robot.reading(bus.read_state(robot.all_ids), reading)
-        admitted = safety.admit(commands.goals(cycle / rate, reading), sent)
-        if not isinstance(admitted, np.ndarray):
-            break
-        sent = admitted
-        clock.sleep(reading.time + getattr(commands, "delay", 0.0) - clock.now())  # not at all where it has passed
-        went = bus.write_goals(robot.ids, robot.to_servo(sent))
-        rows.append((*_signals(reading), sent, went))
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    time, position, duty, current, voltage, base, link, goal, went = columns
-    return Recording(
-        time=time - time[0],
-        goal=goal,
-        position=position,
-        velocity=velocity_of(time, position),
-        duty=duty,
-        current=current,
-        voltage=voltage,
-        base=base,
-        rewards=rewards_of(commands, time),
-        sent=went - time[0],
-        link=link if robot.measures_links else np.empty((0, 0)),
+    bus, rig = bus_in_process(robot, hidden=hidden, pose=getattr(commands, "pose", None))
+    sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, {})
+    signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
+    with tempfile.TemporaryDirectory() as folder:
+        log = MeasuredLog(Path(folder), "simulated", sidecar, robot.names, signals, robot.base_names)
+        with contextlib.closing(log):
+            safety, begins = _Unstopped(robot, limits, 1.0 / rate), partial(setattr, rig, "held", None)
+            loop = ControlLoop(bus, robot, safety, commands, rate, log=log, begins=begins, alarm=lambda _: None)
+            outcome = loop.run(duration)
+        if log.rows == 0:
+            why = outcome.fault.sentence if outcome.fault is not None else "it ended before its first cycle."
+            raise SealegsError(f"the simulation of robot '{robot.robot.name}' comes to nothing: {why}")
+        return recorded(log.path, commands)
+
+
+def recorded(path: Path, commands: Commands) -> Recording:
+    """A run out of its log; speeds as the models have them, differences over a cycle."""
+    run = read_measured(path).runs[0]
+    joints = list(run.joints.values())
+
+    def column(name: str) -> np.ndarray:
+        return np.stack([getattr(joint, name) for joint in joints], axis=1)
+
+    history = getattr(commands, "history", [])
+    begun = history[0].time - run.time[0] if history else 0.0
+    base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
+    columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
+    columns["velocity"] = velocity_of(run.time, columns["position"])
+    links = [joint.link_position for joint in joints if joint.link_position is not None]
+    link = np.stack(links, axis=1) if len(links) == len(joints) else np.empty((0, 0))
+    sent, asked = (
+        run.host[name] - run.time[0] if name in run.host else np.empty(0) for name in ("goal_sent", "read_sent")
     )
-
-
-def _signals(reading: Reading) -> tuple[Any, ...]:
-    r = reading
-    return r.time, r.position, r.duty, r.current, r.voltage, r.base_position, r.link
+    # a model is put into states that are measured as a whole
+    known = np.isfinite(np.concatenate([base, link.reshape(len(base), -1)], axis=1).sum(axis=1))
+    times = {"time": run.time - run.time[0], "sent": sent, "asked": asked}
+    found = Recording(**times, **columns, base=base, rewards={}, link=link).cut(known)
+    found = replace(found, rewards=rewards_of(commands, run.time[known] + begun))
+    sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)
+    return found.cut(int((run.time[known] < sat).sum()))
 
 
 def velocity_of(time: np.ndarray, position: np.ndarray) -> np.ndarray:

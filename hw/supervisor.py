@@ -26,6 +26,7 @@ from .bus import ServoBus
 from .dialects import dialect_of
 from .interface import Bus, Failing
 from .packets import BusError, PortError, UnpluggedError, in_words
+from .port import BusPort
 from .registers import load_model
 
 BEAT, STARTING, RESTING, DONE, HELD, RELEASE = b".", b"s", b"r", b"d", b"h", b"o"
@@ -127,6 +128,7 @@ class Opening:
         home: where its adapter was; None: ``port`` is all there is.
         ids: of its servos, by which an adapter without a serial number and in another socket is known.
         listed: lists the adapters that are plugged in.
+        opened: port that is open already, in stepped time; None: it is opened.
     """
 
     port: str
@@ -136,6 +138,7 @@ class Opening:
     home: Whereabouts | None = None
     ids: Sequence[int] = ()
     listed: Listing = plugged
+    opened: BusPort | None = None
 
     def __call__(self) -> ServoBus:
         """The bus, open.
@@ -159,7 +162,7 @@ class Opening:
         raise UnpluggedError(f"the adapter at {self.port} is gone; plug it in again, into the same socket.")
 
     def _bus(self, path: str) -> ServoBus:
-        return ServoBus(path, self.baudrate, self.servo, self.timeout)
+        return ServoBus(path, self.baudrate, self.servo, self.timeout, opened=self.opened)
 
     def _with_our_servos(self, path: str) -> ServoBus | None:
         """The bus at a port that may be somebody else's: nothing is written there before all of ours have answered."""

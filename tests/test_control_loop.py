@@ -27,6 +27,10 @@ from sealegs.hw.safety import Limits, Safety
 from sealegs.hw.stop import Stop
 from sealegs.hw.supervisor import bring_to_rest
 from sealegs.hw.virtual import VirtualBus
+from sealegs.hw.virtual.faults import fault_from
+from sealegs.hw.virtual.in_process import bus_in_process
+from sealegs.hw.virtual.simulated_port import SimulatedPort
+from sealegs.hw.virtual.wire import Wire
 
 from tests.servo_runs import config, gentle_policy
 from tests.waiting import GIVE_UP, wait_until
@@ -37,12 +41,39 @@ PERIOD = 0.02
 SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 
 
+class Within:
+    """The hopper's virtual bus in this process, in simulated time: what is tested does not hang on the processors."""
+
+    def __init__(self) -> None:
+        robot = build_robot(config("robot=hopper")["robot"])
+        _, self.rig = bus_in_process(robot)
+        self.wire = Wire(self.rig, [])
+        self.port = SimulatedPort(self.wire, TIMEOUT)
+
+    def bus(self) -> ServoBus:
+        return ServoBus("simulated", timeout=TIMEOUT, opened=self.port.reopened())
+
+    def fault(self, kind: str, **values: Any) -> float:
+        with self.port.clock.lock:
+            self.wire.faults.append(fault_from({"kind": kind, **values}, self.port.now()))
+            return self.port.now()
+
+    def status(self) -> dict[str, Any]:
+        servos = {
+            str(servo.id): {"torque": self.rig.torque(servo.joint), "since": self.rig.since[servo.joint]}
+            for servo in self.rig.servos
+        }
+        return {"servos": servos, "history": self.rig.history, "time": self.port.now()}
+
+
+def opened(virtual: Within | VirtualBus) -> ServoBus:
+    return virtual.bus() if isinstance(virtual, Within) else ServoBus(virtual.port, timeout=TIMEOUT)
+
+
 class Run:
     """A policy on the hopper of a virtual bus, in a thread; what goes wrong is planted meanwhile."""
 
-    def __init__(
-        self, virtual: VirtualBus, policy: Path, folder: Path, rest: Any = "release", stepped: bool = True
-    ) -> None:
+    def __init__(self, virtual: Within | VirtualBus, policy: Path, folder: Path, rest: Any = "release") -> None:
         settings = config(
             "robot=hopper",
             "robot.safety.range_margin=3.0",
@@ -53,20 +84,17 @@ class Run:
         loaded = Policy(policy)
         self.robot.check_contract(loaded.contract)
         rate = loaded.contract.control_rate
-        self.bus = ServoBus(virtual.port, timeout=TIMEOUT)
+        self.bus = opened(virtual)
         sidecar = make_sidecar("hopper", {}, self.robot.belief, {})
         signals = (*SIGNALS, "link_position")
         self.log = MeasuredLog(folder, "run", sidecar, self.robot.names, signals, self.robot.base_names)
         # in real time another program may hold the machine for longer
-        patience = {"silent": 0.05} if stepped else {"silent": 1.0, "loss": 0.9}
+        patience = {"silent": 0.05} if isinstance(virtual, Within) else {"silent": 1.0, "loss": 0.9}
         limits = Limits.from_config({**settings["safety"], "late": 1.0, **patience})
         safety = Safety(self.robot, limits, 1.0 / rate)
         commands = PolicyCommands(loaded, self.robot)
         self.stop = Stop()
-        self.loop = ControlLoop(
-            self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop,
-            stepped=virtual.hold if stepped else None,
-        )  # fmt: skip
+        self.loop = ControlLoop(self.bus, self.robot, safety, commands, rate, log=self.log, rest=rest, stop=self.stop)
         self.outcome: Outcome | None = None
         self.thread = threading.Thread(target=self._run)
         self.thread.start()
@@ -99,28 +127,17 @@ def hopper(**keys: Any) -> VirtualBus:
 
 
 @pytest.fixture(scope="module")
-def stepped_machine() -> Iterator[VirtualBus]:
-    with hopper(time="stepped", cycle=PERIOD) as bus:
-        yield bus
-
-
-@pytest.fixture(scope="module")
 def real_machine() -> Iterator[VirtualBus]:
     with hopper() as bus:
         yield bus
 
 
 @pytest.fixture
-def virtual(stepped_machine: VirtualBus) -> Iterator[VirtualBus]:
-    """A machine whose time is the loop's: what is tested does not hang on what else the processors do."""
-    yield stepped_machine
-    stepped_machine.clear()
-    stepped_machine.advance(1.0)  # servos that a brown-out restarted are silent for 0.8 s
-    with ServoBus(stepped_machine.port, timeout=TIMEOUT) as bus:
-        bus.torque_off([1, 2])
+def virtual() -> Within:
+    return Within()
 
 
-def torque(virtual: VirtualBus) -> dict[int, bool]:
+def torque(virtual: Within | VirtualBus) -> dict[int, bool]:
     servos = virtual.status()["servos"]
     return {int(number): servo["torque"] for number, servo in servos.items() if int(number) <= 2}
 
@@ -146,7 +163,7 @@ def torque(virtual: VirtualBus) -> dict[int, bool]:
 )
 def test_a_fault_is_named_in_three_cycles_and_what_can_be_reached_is_released(
     kind: str, values: dict[str, Any], names: set[str], unreachable: set[int],
-    virtual: VirtualBus, policy: Path, tmp_path: Path,
+    virtual: Within, policy: Path, tmp_path: Path,
 ) -> None:  # fmt: skip
     run = Run(virtual, policy, tmp_path)
     run.under_way()
@@ -177,7 +194,7 @@ def test_in_real_time_a_fault_is_named_and_the_servos_in_reach_are_released(
 ) -> None:
     """How fast is told in stepped time above, and measured by ``python -m benchmarks.control_loop``."""
     real_machine.clear()
-    run = Run(real_machine, policy, tmp_path, stepped=False)
+    run = Run(real_machine, policy, tmp_path)
     run.under_way()
     real_machine.fault(kind, servos=[servo])
     outcome = run.ended()
@@ -187,7 +204,7 @@ def test_in_real_time_a_fault_is_named_and_the_servos_in_reach_are_released(
 
 @pytest.mark.long
 def test_a_single_lost_reply_is_counted_cured_and_does_not_stop_the_robot(
-    virtual: VirtualBus, policy: Path, tmp_path: Path
+    virtual: Within, policy: Path, tmp_path: Path
 ) -> None:
     run = Run(virtual, policy, tmp_path)
     run.under_way()
@@ -200,7 +217,7 @@ def test_a_single_lost_reply_is_counted_cured_and_does_not_stop_the_robot(
     assert not any(event["event"] == "missed" for event in read_events(run.log.path))
 
 
-def test_a_stopped_loop_holds_where_that_is_configured(virtual: VirtualBus, policy: Path, tmp_path: Path) -> None:
+def test_a_stopped_loop_holds_where_that_is_configured(virtual: Within, policy: Path, tmp_path: Path) -> None:
     run = Run(virtual, policy, tmp_path, "hold")
     run.under_way()
     run.stop.ask("enough")
@@ -221,7 +238,7 @@ class Guard:
         self.heard.append("dismiss")
 
 
-def still(virtual: VirtualBus, trajectory: type[Trajectory] = Trajectory, **keys: Any) -> Outcome:
+def still(virtual: Within, trajectory: type[Trajectory] = Trajectory, **keys: Any) -> Outcome:
     """Holding the hopper where it begins, without a log."""
     robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
     settings = config(
@@ -229,16 +246,15 @@ def still(virtual: VirtualBus, trajectory: type[Trajectory] = Trajectory, **keys
     )["robot"]["safety"]
     commands = trajectory("still", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
     safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
-    bus = ServoBus(virtual.port, timeout=TIMEOUT)
-    return ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=virtual.hold, **keys).run(1.0)
+    return ControlLoop(virtual.bus(), robot, safety, commands, 1.0 / PERIOD, **keys).run(1.0)
 
 
-def switched_on(virtual: VirtualBus, since: float) -> bool:
+def switched_on(virtual: Within, since: float) -> bool:
     return any(on and time_ >= since for time_, _, on in virtual.status()["history"])
 
 
 @pytest.mark.long
-def test_no_torque_stays_on_without_a_supervisor(virtual: VirtualBus) -> None:
+def test_no_torque_stays_on_without_a_supervisor(virtual: Within) -> None:
     asked = list[float]()
 
     class Counted(Trajectory):
@@ -255,14 +271,14 @@ def test_no_torque_stays_on_without_a_supervisor(virtual: VirtualBus) -> None:
     assert torque(virtual) == {1: False, 2: False}
 
 
-def test_a_stop_that_was_asked_for_before_the_start_switches_no_torque_on(virtual: VirtualBus) -> None:
+def test_a_stop_that_was_asked_for_before_the_start_switches_no_torque_on(virtual: Within) -> None:
     stop, before = Stop(), virtual.status()["time"]
     stop.ask("Ctrl-C")
     assert still(virtual, stop=stop).ending == "stopped"
     assert not switched_on(virtual, before)
 
 
-def test_the_dead_mans_switch_counts_on_the_way_to_the_start_too(virtual: VirtualBus) -> None:
+def test_the_dead_mans_switch_counts_on_the_way_to_the_start_too(virtual: Within) -> None:
     before = virtual.status()["time"]
     outcome = still(virtual, each_cycle=lambda: "let go")
     assert (
@@ -272,7 +288,7 @@ def test_the_dead_mans_switch_counts_on_the_way_to_the_start_too(virtual: Virtua
     )
 
 
-def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_path: Path) -> None:
+def test_an_exception_in_the_loop_releases_the_servos(virtual: Within, tmp_path: Path) -> None:
     robot = build_robot(config("robot=hopper", "robot.sensors={}", "robot.safety.range_margin=3.0")["robot"])
     settings = config(
         "robot=hopper", "robot.safety.range_margin=3.0", "robot.safety.late=1.0", "robot.safety.following_error=9"
@@ -283,12 +299,11 @@ def test_an_exception_in_the_loop_releases_the_servos(virtual: VirtualBus, tmp_p
             raise ZeroDivisionError("a bug")
 
     commands = Broken("broken", np.array([0.0, 1.0]), np.tile([-0.61, 0.61], (2, 1)))
-    bus = ServoBus(virtual.port, timeout=TIMEOUT)
     safety = Safety(robot, Limits.from_config({**settings, "speed": 200.0}), PERIOD)
     with pytest.raises(ZeroDivisionError):
-        ControlLoop(bus, robot, safety, commands, 1.0 / PERIOD, stepped=virtual.hold).run(5.0)
+        ControlLoop(virtual.bus(), robot, safety, commands, 1.0 / PERIOD).run(5.0)
     assert torque(virtual) == {1: False, 2: False}
-    with ServoBus(virtual.port, timeout=TIMEOUT) as again:  # the port was closed
+    with virtual.bus() as again:  # the port was closed
         assert again.ping(1) == 777
 
 
@@ -373,7 +388,8 @@ def test_real_sleep_leaves_the_processor_alone(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_stepped_time_waits_for_nothing(clock: Clock) -> None:
-    metronome = Metronome(100.0, stepped=lambda _: None)
+    machine = Within()
+    metronome = Metronome(100.0, clock=machine.port)
     times = [metronome.wait() for _ in range(3)]
     assert " ms" not in metronome.timing().sentence(), "a clock that nobody kept says nothing about speed"
     assert np.diff(times) == pytest.approx([0.01, 0.01]) and metronome.now() == times[-1] and clock.slept == 0.0
@@ -492,8 +508,8 @@ def test_a_full_disk_is_told_and_what_was_written_is_safe(tmp_path: Path, monkey
     assert len(read_measured(log.path).runs[0].time) == 5
 
 
-def test_rest_is_release_or_hold(virtual: VirtualBus) -> None:
-    with ServoBus(virtual.port, timeout=TIMEOUT) as bus:
+def test_rest_is_release_or_hold(virtual: Within) -> None:
+    with virtual.bus() as bus:
         bus.torque_on([1, 2])
         assert bring_to_rest(bus, [1, 2], "hold") == {} and torque(virtual) == {1: True, 2: True}
         assert bring_to_rest(bus, [1, 2], "release") == {} and torque(virtual) == {1: False, 2: False}

@@ -22,7 +22,7 @@ from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
 from sealegs.hw import deployment
 from sealegs.hw.commands import read_excitation, read_replay
 from sealegs.hw.limits import Limits
-from sealegs.hw.measured_log import MeasuredLog, make_sidecar, read_events
+from sealegs.hw.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from sealegs.hw.policy import Policy
 from sealegs.hw.robot import build_robot
 from sealegs.hw.unlike import unlike_the_factory
@@ -302,7 +302,7 @@ def test_servos_that_were_set_up_otherwise_are_named() -> None:
 def test_the_loop_goes_on_with_what_is_done_and_puts_unfinished_logs_aside(tmp_path: Path) -> None:
     sidecar = make_sidecar("bench", {}, {"joint": "sts3215"}, {})
     for name, ending in (("whole", "finished"), ("torn", None)):
-        log = MeasuredLog(tmp_path / "log", name, sidecar, ["joint"], deployment.SIGNALS, ())
+        log = MeasuredLog(tmp_path / "log", name, sidecar, ["joint"], SIGNALS, ())
         log.write(0.0, np.zeros((1, 7)), (), (0.0, 0.0, 0.0), [0])
         if ending:
             log.event(0.0, "end", ending=ending)

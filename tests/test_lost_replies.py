@@ -11,10 +11,10 @@ import pytest
 from sealegs.gap.log import read_measured
 from sealegs.hw import pace
 from sealegs.hw.commands import Reference, read_replay
-from sealegs.hw.comparison import from_log
 from sealegs.hw.dialects import Reply
 from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError, StalledError
 from sealegs.hw.registers import load_model
+from sealegs.hw.simulated import recorded
 
 from tests.simulated_runs import Simulation, sine
 
@@ -155,5 +155,5 @@ def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp
     goals = read_replay(tmp_path / "run.csv", simulation.robot)
     assert goals.duration == pytest.approx(run.time[-1] - run.time[0], abs=0.02)
     policy: Any = SimpleNamespace(history=[])
-    compared = from_log(tmp_path / "run.csv", policy)
+    compared = recorded(tmp_path / "run.csv", policy)
     assert len(compared.time) == (~lost).sum() and np.isfinite(compared.base).all()

@@ -1,19 +1,28 @@
-"""A robot's servos and machine in this process and in simulated time, for a loop that need not wait for a clock."""
+"""Servos and their machine in this process and in simulated time, for a loop that need not wait for a clock.
+
+Nothing here outlives the process: whatever ends it, a ``kill -9`` too, ends the servos with it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from ...actuators.errors import SealegsError
+from ...configs.check import checked, checked_seed
+from ...envs.robots import get_robot
 from ..bus import ServoBus
-from ..registers import ready_at
+from ..registers import ServoModel, load_model, ready_at
 from ..robot import ServoRobot
+from .faults import Fault, read_faults
 from .machine import Machine
-from .rig import Rig, mounts
-from .simulated_port import SimulatedPort
+from .rig import Held, Rig, mounts
+from .simulated_port import SimulatedClock, SimulatedPort
 from .wire import Wire
 
 RATE = 1_000_000  # [bit/s]
+PLAIN = ("robot", "actuator", "hidden", "faults", "link")
+"""Keys of ``configs/virtual.yaml`` that name files, or are words."""
 
 
 def bus_in_process(
@@ -50,3 +59,75 @@ def bus_in_process(
     rig = Rig(machine, robot.servo, mounted, "order" if pose else "torque", registers=registers)
     port = SimulatedPort(Wire(rig, []), timeout, latency=latency)
     return ServoBus("simulated", model=robot.servo.name, timeout=timeout, opened=port), rig
+
+
+def wires_of(config: Mapping[str, Any]) -> list[Wire]:
+    """The lines to one machine, the first at first, from ``configs/virtual.yaml``.
+
+    Raises:
+        SealegsError: a value is wrong.
+    """
+    robot = get_robot(checked("robot", config["robot"], str))
+    model = load_model(checked("model", config["model"], str))
+    hidden = checked("hidden", config["hidden"], str | None)
+    machine = Machine(robot, config["actuator"], hidden, config["params"], config["sensors"], config["pose"])
+    others = {str(name): load_model(checked(f"buses.{name}", row, str)) for name, row in config["buses"].items()}
+    mounted = mounts(machine.encoders, config["servos"], model, others)
+    counts = {"": _registers(config["registers"], model)}
+    counts |= {name: _registers(config["bus_registers"].get(name), table) for name, table in others.items()}
+    held = checked("held", config["held"], Held | None)
+    rig = Rig(machine, model, mounted, held, others=others, registers=counts)
+    seed = checked_seed(config["seed"])
+    return [Wire(rig, _faults(config), seed + k, name) for k, name in enumerate(["", *others])]
+
+
+def ports_of(config: Mapping[str, Any], baudrates: Mapping[str, int], timeout: float) -> dict[str, SimulatedPort]:
+    """Open ports to the lines of :func:`wires_of`, on one clock, by name of the line.
+
+    Args:
+        config: of ``configs/virtual.yaml``; there is nothing that could ``link`` to such a port from outside.
+        baudrates: by name of the line [bit/s].
+        timeout: for a reply [s].
+
+    Raises:
+        SealegsError: a value is wrong.
+    """
+    if config["link"] is not None:
+        raise SealegsError("link names a port for other programs; in stepped time there is none: leave it out.")
+    wires, latency = wires_of(config), duration("latency", config)
+    clock = SimulatedClock(wires[0].rig.time)
+    return {wire.bus: SimulatedPort(wire, timeout, baudrates[wire.bus], latency, clock) for wire in wires}
+
+
+def duration(key: str, config: Mapping[str, Any]) -> float:
+    """A time of the config [s].
+
+    Raises:
+        SealegsError: it is none.
+    """
+    if (value := checked(key, config[key], float)) < 0.0:
+        raise SealegsError(f"{key} is {value:g} s; it cannot be negative.")
+    return value
+
+
+def _registers(given: Mapping[str, Any] | None, model: ServoModel) -> dict[str, int]:
+    """Counts that servos keep, checked.
+
+    Raises:
+        SealegsError: there is no such register, or it does not take the count.
+    """
+    found = {}
+    for name, value in (given or {}).items():
+        count, register = checked(f"registers.{name}", value, int), model[str(name)]
+        if register.area != "eeprom" or not register.low <= count <= register.high:
+            raise SealegsError(
+                f"registers.{name} is {count}; it must be a register that servos keep without power, and its count "
+                f"between {register.low} and {register.high}."
+            )
+        found[str(name)] = count
+    return found
+
+
+def _faults(config: Mapping[str, Any]) -> list[Fault]:
+    """The faults of a config; each line has its own, which it counts down."""
+    return read_faults(config["faults"]) if config["faults"] is not None else []

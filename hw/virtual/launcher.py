@@ -36,8 +36,7 @@ class VirtualBus:
         Raises:
             SealegsError: what the process said in refusing its arguments.
         """
-        keys = {key: _from_here(key, value) for key, value in {"linger": LINGER, **keys}.items()}
-        arguments = [f"{key}={_written(value)}" for key, value in keys.items()]
+        arguments = words({"linger": LINGER, **keys})
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 no pipe, which nobody would empty
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "sealegs.hw.virtual", *arguments],
@@ -118,9 +117,10 @@ class VirtualBus:
         """Let time pass, in stepped time."""
         self._control.order("advance", seconds=seconds)
 
-    def hold(self, seconds: float) -> None:
-        """Let time pass, in stepped time, until so long after the latest reading [s]; not at all where it has."""
-        self._control.order("hold", seconds=seconds)
+
+def words(keys: Mapping[str, Any]) -> list[str]:
+    """Keys of ``configs/virtual.yaml`` as on the command line, files as they are called from anywhere."""
+    return [f"{key}={_written(_from_here(key, value))}" for key, value in keys.items()]
 
 
 def _from_here(key: str, value: Any) -> Any:

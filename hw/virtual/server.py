@@ -104,7 +104,7 @@ class Server:
             beside = None if link is None else link.with_name(f"{link.name}-{other.bus}")
             self.lines[other.bus] = Line(other, beside)
         self._control = ControlSocket()
-        self._stepped_now = self._read_at = 0.0
+        self._stepped_now = 0.0
         self._start = time.monotonic()
         self._linger = linger
         self._parent = sys.stdin.fileno() if linger is not None else None
@@ -219,8 +219,7 @@ class Server:
                 print(servo.refused, file=sys.stderr, flush=True)
                 servo.refused = None
         if self.stepped:
-            asked, self._stepped_now = self._stepped_now, max(self._stepped_now, wire.free_at)
-            self._read_at = 0.5 * (asked + self._stepped_now) if reads else self._read_at  # as the host reckons it
+            self._stepped_now = max(self._stepped_now, wire.free_at)
             line.flush(self._stepped_now + self.latency + 1e-9)
 
     # --- control -----------------------------------------------------------------------------------------------
@@ -231,7 +230,6 @@ class Server:
             "fault": self._fault,
             "clear": self._clear,
             "advance": self._advance,
-            "hold": self._hold,
             "let_go": self._let_go,
             "stop": self._stop,
         }
@@ -301,10 +299,6 @@ class Server:
         for line in self.lines.values():
             line.flush(self._stepped_now)
         return {"time": self._stepped_now}
-
-    def _hold(self, order: dict[str, Any]) -> dict[str, Any]:
-        left = self._read_at + float(order.get("seconds", 0.0)) - self._stepped_now
-        return self._advance({"seconds": max(left, 0.0)})
 
     def _let_go(self, _: dict[str, Any]) -> dict[str, Any]:
         if not self.stepped:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import errno
 import heapq
+import threading
 
+from ..alarm import to_stderr
 from ..port import WAIT, BusPort, Echo
 from .faults import first
 from .wire import Wire
@@ -22,11 +24,13 @@ class SimulatedClock:
     Attributes:
         time: [s].
         wires: lines to its servos.
+        lock: for who lets it pass: an emergency stop is a thread of its own.
     """
 
     def __init__(self, time: float) -> None:
         self.time = time
         self.wires: list[Wire] = []
+        self.lock = threading.RLock()
 
 
 class SimulatedPort(BusPort):
@@ -37,6 +41,8 @@ class SimulatedPort(BusPort):
         clock: shared by all ports to one machine.
         latency: of the adapter, on every reply and echo [s].
     """
+
+    simulated = True
 
     def __init__(
         self,
@@ -72,11 +78,12 @@ class SimulatedPort(BusPort):
         """Let time pass; the machine moves on."""
         end = self._time + max(seconds, 0.0)
         while self._time < end:
-            self._time = min(self._time + STEP, end)
-            for wire in self.clock.wires:
-                wire.apply_faults(self._time)
-            self.wire.rig.advance(self._time)
-            self.wire.rig.apply()
+            with self.clock.lock:
+                self._time = min(self._time + STEP, end)
+                for wire in self.clock.wires:
+                    wire.apply_faults(self._time)
+                self.wire.rig.advance(self._time)
+                self.wire.rig.apply()
 
     # --- port --------------------------------------------------------------------------------------------------
 
@@ -109,9 +116,14 @@ class SimulatedPort(BusPort):
         data = bytes(packet)
         if first(self.wire.faults, "echo", self._time) is not None:
             self._push(self._time + self.latency, data)
-        for request in self.wire.requests(bytearray(data)):
-            for at, reply in self.wire.exchange(request, self._time, self.baudrate):
-                self._push(at + self.latency, reply)
+        with self.clock.lock:
+            for request in self.wire.requests(bytearray(data)):
+                for at, reply in self.wire.exchange(request, self._time, self.baudrate):
+                    self._push(at + self.latency, reply)
+        for servo in self.wire.servos:
+            if servo.refused is not None:
+                to_stderr(servo.refused)
+                servo.refused = None
         return len(data)
 
     def take(self, length: int) -> bytes:
