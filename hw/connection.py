@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
@@ -38,22 +38,19 @@ def checked_hw(hw: Mapping[str, Any]) -> dict[str, Any]:
     return {**hw, "baudrate": checked("hw.baudrate", hw["baudrate"], Count), "timeout": timeout}
 
 
-Port = str | BusPort
-
-
 @dataclass(frozen=True)
 class Opened:
     """Ports that are there.
 
     Attributes:
-        ports: by name of the bus: their paths, or in stepped time a port to servos in this process.
+        ports: their paths, by name of the bus.
         let_go: takes away the hand that holds a virtual machine; does nothing on a real one.
-        within: whether the servos are in this process and end with it, whatever ends it.
+        within: in stepped time the ports to servos in this process, which end with it, whatever ends it; empty: none.
     """
 
-    ports: Mapping[str, Port]
+    ports: Mapping[str, str]
     let_go: Callable[[], None] = lambda: None
-    within: bool = False
+    within: Mapping[str, BusPort] = field(default_factory=dict)
 
 
 @contextlib.contextmanager
@@ -125,7 +122,9 @@ def opened_port(
         rates = {line.name: line.baudrate or hw["baudrate"] for line in robot.lines} | {"": hw["baudrate"]}
         ports = ports_of(compose("virtual", split(words(known), PLAIN)), rates, hw["timeout"])
         rig = ports[""].wire.rig
-        yield Opened({line.name: ports[line.name] for line in robot.lines}, partial(setattr, rig, "held", None), True)
+        used = {line.name: ports[line.name] for line in robot.lines}
+        paths = {name: port.port_name for name, port in used.items()}
+        yield Opened(paths, partial(setattr, rig, "held", None), used)
         return
     with VirtualBus(**known) as bus:
         yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go)
@@ -161,7 +160,9 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
         )
 
 
-def openings(hw: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRobot) -> dict[str, Opening]:
+def openings(
+    hw: Mapping[str, Any], ports: Mapping[str, str] | Mapping[str, BusPort], robot: ServoRobot
+) -> dict[str, Opening]:
     """How to open each bus of a robot, by its name; ``hw`` is checked."""
     found = {}
     for line in robot.lines:
@@ -187,12 +188,14 @@ def bus_watchdog(hw: Mapping[str, Any], period: float) -> float | None:
     return None if seconds is None else max(seconds, WATCHED_CYCLES * period)
 
 
-def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRobot, period: float) -> Bus:
+def opened_bus(
+    hw: Mapping[str, Any], ports: Mapping[str, str] | Mapping[str, BusPort], robot: ServoRobot, period: float
+) -> Bus:
     """The bus, or several as one, with every servo of the robot there and set up.
 
     Args:
         hw: of ``configs/hw``.
-        ports: by name of the bus.
+        ports: by name of the bus: paths, or ports that are open.
         robot: on them.
         period: of the loop [s].
 
@@ -220,7 +223,7 @@ def opened_bus(hw: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRob
 
 
 def charge_of(
-    config: Mapping[str, Any], ports: Mapping[str, Port], robot: ServoRobot, rest: Rest, events: str, limits: Limits
+    config: Mapping[str, Any], ports: Mapping[str, str], robot: ServoRobot, rest: Rest, events: str, limits: Limits
 ) -> Charge:
     """What the supervisor of a run must know.
 

@@ -169,7 +169,7 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     pose = getattr(deployment.commands, "pose", None)
     opened = opened_port(config["hw"], config["port"], robot, truth, params, pose)
     with stop.on_signals(), opened as found:
-        bus = opened_bus(config["hw"], found.ports, robot, 1.0 / deployment.rate)
+        bus = opened_bus(config["hw"], found.within or found.ports, robot, 1.0 / deployment.rate)
         with contextlib.closing(bus):
             if config["dry_run"]:
                 dry_run(deployment, bus, say)

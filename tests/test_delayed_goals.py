@@ -35,7 +35,8 @@ def simulated(delay: float) -> Recording:
 def test_a_simulated_run_keeps_the_delay_of_its_commands() -> None:
     prompt, late = simulated(0.0), simulated(DELAY)
     assert late.sent - late.time == pytest.approx(np.full(len(late.time), DELAY), abs=2e-4), "time of the goals' bytes"
-    assert np.diff(late.time) == pytest.approx(np.full(len(late.time) - 1, 1.0 / RATE)), "the rate is kept"
+    period = pytest.approx(np.full(len(late.time) - 1, 1.0 / RATE), abs=3e-4)  # some readings ask for more
+    assert np.diff(late.time) == period, "the rate is kept"
     behind = prompt.position - late.position
     assert behind.max() > 0.02 and behind.min() > -0.05, "the same motion, later"
 
@@ -51,8 +52,8 @@ def test_a_run_in_stepped_time_keeps_the_delay_as_a_simulated_one_does(tmp_path:
     done = deployment.run(deployment.prepare(settings, source), lambda _: None)
     assert done is not None and done.outcome.ending == "finished"
     log = read_measured(done.log).runs[0]
-    assert log.host["goal_sent"] - log.time == pytest.approx(np.full(len(log.time), DELAY))
-    assert np.diff(log.time) == pytest.approx(np.full(len(log.time) - 1, 1.0 / RATE))
+    assert log.host["goal_sent"] - log.time == pytest.approx(np.full(len(log.time), DELAY), abs=2e-4)
+    assert np.diff(log.time) == pytest.approx(np.full(len(log.time) - 1, 1.0 / RATE), abs=3e-4)
     moved, late = log.joints["joint"].position, simulated(DELAY).position[:, 0]
     prompt = simulated(0.0).position[:, 0]
     assert np.abs(moved - late).max() < 0.01 < 0.02 < np.abs(moved - prompt).max()

@@ -49,7 +49,7 @@ def test_a_policy_runs_and_its_log_says_everything(
     assert "100 cycles, 0 overruns" in capsys.readouterr().out
     log = read_measured(tmp_path / "run.csv").runs[0]
     joint = log.joints["joint"]
-    assert len(log.time) == 100 and np.diff(log.time) == pytest.approx(0.02)
+    assert len(log.time) == 100 and np.diff(log.time) == pytest.approx(0.02, abs=3e-4)
     assert joint.goal is not None and np.abs(joint.goal).max() < 0.5, "an untrained policy moves little"
     assert log.robot == "bench" and log.actuators == {"joint": "sts3215"}
     assert log.meta["registers"]["joint"]["p_gain"] == 32 and log.meta["calibration"]["joint"]["zero"] == 2048
