@@ -159,7 +159,9 @@ class Opening:
                 f"the adapter at {self.port} is gone, and several that came since have {in_words(self.ids)}; unplug "
                 "the others."
             )
-        raise UnpluggedError(f"the adapter at {self.port} is gone; plug it in again, into the same socket.")
+        known = self.home is not None and self.home.adapter is not None and self.home.adapter.serial is not None
+        where = "" if known else ", into the same socket"
+        raise UnpluggedError(f"the adapter at {self.port} is gone; plug it in again{where}.")
 
     def _bus(self, path: str) -> ServoBus:
         return ServoBus(path, self.baudrate, self.servo, self.timeout, opened=self.opened)
