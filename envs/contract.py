@@ -87,6 +87,13 @@ class Contract:
         return self.control_rate * self.goals_per_action
 
     @property
+    def rates(self) -> tuple[float, ...]:
+        """Cycles per second at which a loop may run it, the highest first [Hz]: of goals between two actions the loop
+        may leave out some, evenly, and hold the others; actions come at their own rate always."""
+        count = self.goals_per_action
+        return tuple(self.goal_rate / held for held in range(1, count + 1) if count % held == 0)
+
+    @property
     def goal_limits(self) -> dict[str, tuple[float, float]]:
         """Lowest and highest goal that the policy can give each joint [rad or m]."""
         return {name: (low, high) for name, low, high in zip(self.joints, self.goal_low, self.goal_high, strict=True)}

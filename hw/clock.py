@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Protocol
@@ -55,6 +56,7 @@ class Timing:
         late_p99, late_worst: how late cycles began [s].
         busy_share: part of the period that the work of a cycle took, in the mean.
         read_mean, read_p99: from the request for the readings to the last reply [s].
+        policy_mean: that the goals of a cycle took, of a policy or what else gives them [s].
         command_mean, command_p99: from the middle of the reading to the goals on the wire [s].
         cpu_share: processor time of the loop's process over wall time.
         stepped: whether time was the machine's, which waited for the loop: nothing then says how fast that was.
@@ -72,6 +74,7 @@ class Timing:
     command_p99: float
     cpu_share: float
     stepped: bool = False
+    policy_mean: float = 0.0
 
     @property
     def overrun_share(self) -> float:
@@ -85,7 +88,8 @@ class Timing:
         return (
             f"{self.cycles} cycles, {self.overruns} overruns ({100 * self.overrun_share:.2f} %), began late by "
             f"{1e3 * self.late_p99:.2f} ms (99 %) and {1e3 * self.late_worst:.2f} ms (worst), reading "
-            f"{1e3 * self.read_mean:.2f} ms, reading to command {1e3 * self.command_mean:.2f} ms, "
+            f"{1e3 * self.read_mean:.2f} ms, goals made in {1e3 * self.policy_mean:.2f} ms, reading to command "
+            f"{1e3 * self.command_mean:.2f} ms, "
             f"{100 * self.cpu_share:.0f} % of a core."
         )
 
@@ -115,7 +119,7 @@ class Metronome:
         self.period = 1.0 / rate
         self._clock: Clock = clock or HostClock()
         self._due: float | None = None
-        self._times = np.zeros((4, max(expected, 16)))  # late, work, read, command; grown when full
+        self._times = np.zeros((5, max(expected, 16)))  # late, work, read, command, policy; grown when full
         self.cycles, self.overruns, self._skipped = 0, 0, 0
         self._began = self._woke = self._cpu = 0.0
         self._ended: tuple[float, float] | None = None
@@ -157,22 +161,28 @@ class Metronome:
         """The last cycle has ended: what is done from now on is not the loop's."""
         self._ended = self.now(), time.process_time()
 
-    def done(self, read: float, command: float) -> None:
+    def done(self, read: float, command: float, policy: float = math.nan) -> float:
         """Count a cycle, at the end of its work.
 
         Args:
             read: time that the reading took [s].
             command: from the middle of the reading to the goals on the wire [s].
+            policy: time that the goals took [s].
+
+        Returns:
+            Time that all of it took [s].
         """
         assert self._due is not None
         if self.cycles == self._times.shape[1]:
             self._times = np.concatenate([self._times, np.zeros_like(self._times)], axis=1)
-        self._times[:, self.cycles] = self._woke - self._due, self.now() - self._woke, read, command
+        work = self.now() - self._woke
+        self._times[:, self.cycles] = self._woke - self._due, work, read, command, policy
         self.cycles += 1
+        return work
 
     def timing(self) -> Timing:
         """How well the rate was kept so far."""
-        late, work, read, command = self._times[:, : max(self.cycles, 1)]
+        late, work, *parts = self._times[:, : max(self.cycles, 1)]
         ended, cpu = self._ended or (self.now(), time.process_time())
         wall = max(ended - self._began, 1e-9)
         return Timing(
@@ -182,10 +192,20 @@ class Metronome:
             late_p99=float(np.quantile(late, 0.99)),
             late_worst=float(late.max()),
             busy_share=float(work.mean() / self.period),
-            read_mean=float(np.nanmean(read)) if np.isfinite(read).any() else 0.0,
-            read_p99=float(np.nanquantile(read, 0.99)) if np.isfinite(read).any() else 0.0,
-            command_mean=float(np.nanmean(command)) if np.isfinite(command).any() else 0.0,
-            command_p99=float(np.nanquantile(command, 0.99)) if np.isfinite(command).any() else 0.0,
+            read_mean=_mean(parts[0]),
+            read_p99=_p99(parts[0]),
+            command_mean=_mean(parts[1]),
+            command_p99=_p99(parts[1]),
             cpu_share=(cpu - self._cpu) / wall if self._began else 0.0,
             stepped=self._clock.simulated,
+            policy_mean=_mean(parts[2]),
         )
+
+
+def _mean(times: np.ndarray) -> float:
+    """Of those that are known; 0 where none is."""
+    return float(np.nanmean(times)) if np.isfinite(times).any() else 0.0
+
+
+def _p99(times: np.ndarray) -> float:
+    return float(np.nanquantile(times, 0.99)) if np.isfinite(times).any() else 0.0

@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import math
 import shlex
-from collections.abc import Mapping
+import statistics
+from collections.abc import Callable, Mapping
+from functools import cached_property
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -23,6 +26,9 @@ from .robot import Reading, ServoRobot
 if TYPE_CHECKING:
     from ..gap.log.sidecar import Sidecar
 
+REHEARSED = 12  # calls of a policy before torque comes on, of which the median counts
+REHEARSAL = 1.0  # [s] after which no further one begins
+MAKING_UP = 0.5  # share of the time since the goals before that calls for goals of missed periods may take
 GOAL = "goal"
 """Column of goals that may stand without a joint where the robot has one joint only."""
 
@@ -58,56 +64,121 @@ class Commands(Protocol):
 class PolicyCommands:
     """Goals of a policy.
 
+    It is asked for the goal of the moment. Of periods that were left out, a policy without a generator's memory is
+    asked for nothing: its clock goes on to the moment. A generator makes their steps up for as long as that takes at
+    most half of the time that they lasted; the rest it stands still, as the servos did. So the time that the policy
+    takes never adds up.
+
     Attributes:
         observer: that makes its observations.
         history: every control step so far as the policy saw it.
         delay: from a reading to the goals that follow from it, fixed [s]; 0: as soon as they are known.
-        pose: of the whole robot at the start, by joint [rad or m]: how a person holds it up.
     """
 
     def __init__(
         self, policy: Policy, robot: ServoRobot, command: np.ndarray | None = None, segment: float = math.inf
     ) -> None:
-        """Prepare.
+        """Prepare, and try the policy once.
 
         Args:
             policy: for this robot.
             robot: that it runs on.
             command: what the task is asked for (c,), or one after the other (m, c); None: the middle of what it draws.
             segment: time that each of several commands holds [s].
+
+        Raises:
+            SealegsError: the command is none of the task, or the policy fails, or gives what is not finite.
         """
         self._schedule = None if command is None else np.atleast_2d(command)
-        self._segment = segment
+        self._segment, self._robot = segment, robot
         self.observer = Observer(policy.contract, robot, None if self._schedule is None else self._schedule[0])
         self._policy = policy
         self.name, self.rate, self.duration = "policy", policy.contract.goal_rate, math.inf
         self.delay = policy.contract.delay
         self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
         self.history: list[Seen] = []
-        self.pose = start_pose(policy.contract, robot.robot)
-        self._ticks, self._goal = 0, self.start()
+        self._goal, self._remembers = self.start(), len(policy.contract.state) > 1 + 2 * len(policy.contract.actions)
+        self._last, self._asked_at, self._took, self._now = -1, 0.0, 0.0, monotonic
         self._observation = np.zeros(len(policy.contract.observation_names), np.float32)
+        policy.act(self._observation[None], self.observer.command[None], self.observer.state[None])
+
+    @cached_property
+    def pose(self) -> dict[str, float]:
+        """The whole robot at the start, by joint [rad or m]: how a person holds it up."""
+        return start_pose(self._policy.contract, self._robot.robot)
 
     def start(self) -> np.ndarray:
         return np.asarray(self._policy.contract.start)
+
+    def rehearse(self, reading: Reading, period: float, now: Callable[[], float]) -> float:
+        """Ask for some goals that nobody sends; the run begins as if it had not been.
+
+        Args:
+            reading: of the robot as it is.
+            period: of the loop [s].
+            now: its clock [s].
+
+        Returns:
+            Time that the goals of a cycle take, observation and all [s].
+
+        Raises:
+            PolicyError: as :meth:`Policy.act`.
+        """
+        self._now = now
+        rehearsal, times = PolicyCommands(self._policy, self._robot, self._schedule, self._segment), list[float]()
+        rehearsal._now = now
+        first = now()
+        for cycle in range(1 + REHEARSED):
+            begun = now()
+            rehearsal.goals(cycle * period, reading)
+            times.append(now() - begun)
+            if now() - first > REHEARSAL:
+                break
+        return statistics.median(times[1:] or times)  # the first one finds nothing in the caches
+
+    def slower(self, rate: float) -> str:
+        """What to do where no more than ``rate`` cycles a second are possible [Hz]."""
+        contract = self._policy.contract
+        if kept := next((item for item in contract.rates if item <= rate), None):
+            held = f"{contract.goal_rate / kept:.0f} periods of its own"
+            return f"give rate={kept:g}, at which each goal is held for {held}, as it was not trained"
+        slow = (contract.control_rate / parts for parts in range(2, 1000))
+        found = next(
+            (item for item in slow if item <= rate and math.isclose(float(f"{item:g}"), item, rel_tol=1e-9)), None
+        )
+        if found is None:
+            return "train a policy that acts less often"
+        also = f" and give rate={found:g}" if contract.goals_per_action > 1 else ""
+        return f"train it again with env.control_rate={found:g}{also}, since a policy keeps the rate that it learnt at"
 
     def goals(self, time: float, reading: Reading) -> np.ndarray:
         if self._schedule is not None:
             row = int((time + 1e-6) / self._segment) if math.isfinite(self._segment) else 0
             self.observer.command = self._schedule[min(row, len(self._schedule) - 1)]
         observer, contract = self.observer, self._policy.contract
-        wanted = round(time * contract.goal_rate) + 1  # goals so far; periods that were left out pass for the gait too
-        per_action = contract.goals_per_action
+        due = round(time * contract.goal_rate)  # goals belong to the policy's own grid of periods, from 0
+        acts = due - due % contract.goals_per_action  # the latest that an action belongs to
         observer.glance(reading)
-        if (wanted - 1) // per_action > (self._ticks - 1) // per_action:
+        if acts > self._last:
             seen = observer.see(reading)
             self.history.append(seen)
             self._observation = seen.observation
-        while self._ticks < wanted:
-            _, goal, state = self._policy.act(self._observation[None], observer.command[None], observer.state[None])
-            self._goal, observer.state = goal[0], state[0]
-            self._ticks += 1
+        for goal in self._calls(due, acts, time):
+            begun, observer.state[0] = self._now(), goal
+            _, goals, state = self._policy.act(self._observation[None], observer.command[None], observer.state[None])
+            self._goal, observer.state = goals[0], state[0]
+            self._last, self._took, self._asked_at = goal, self._now() - begun, time
         return self._goal
+
+    def _calls(self, due: int, acts: int, time: float) -> range:
+        """The goals to ask for: the one that is due, before it those to make up for, and none that an action skips."""
+        if due <= self._last:
+            return range(0)
+        missed = due - self._last - 1 if self._remembers else 0
+        spare = MAKING_UP * (time - self._asked_at)
+        made_up = missed if missed * self._took <= spare else int(spare / self._took)
+        first = due - made_up if acts <= self._last else min(due - made_up, acts)
+        return range(first, min(first + made_up, due) + 1)
 
 
 class Trajectory:

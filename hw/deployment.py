@@ -33,6 +33,7 @@ from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
 from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from .newest_calibration import newest
+from .pace import measured, not_kept
 from .policy import Policy
 from .realtime import realtime
 from .robot import ServoRobot, build_robot, extended_robot
@@ -183,6 +184,9 @@ def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None]) -> Non
     for error in bus.torque_off(robot.ids).values():
         raise error
     safety = Safety(robot, deployment.limits, period)
+    pace = measured(bus, robot, deployment.commands, period)
+    if not bus.clock.simulated:  # on which a policy takes no time
+        say(pace.too_slow(period) or pace.sentence())
     say(f"Dry run at {deployment.rate:g} Hz, no torque. Goals:")
     named = [f"{name} [{unit}]" for name, unit in zip(robot.names, robot.units, strict=True)]
     say("  time [s]  " + "  ".join(f"{name:>18}" for name in named))
@@ -293,6 +297,7 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     kept = f"; what happened until then is in {events}" if events.exists() else ""
     say(f"Log: {done.log if done.log.exists() else f'none, since the run ended before its first cycle{kept}'}")
     where = f"; the log is {done.log}" if done.log.exists() else kept
+    late = not_kept(outcome.timing, deployment.rate, deployment.commands)
     ended = at_rest_sentence(done, deployment.config["rest"])
     if _not_at_rest(done):
         cause = f" ({outcome.fault.sentence.rstrip('.')})" if outcome.fault else ""
@@ -300,6 +305,10 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     if outcome.fault is not None:
         why = f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; {ended.rstrip('.')}{where}."
         raise SealegsError(f"{why}{_on_a_stand(deployment)}")
+    if late is not None:
+        if deployment.commands.rate is not None and outcome.ending == "finished":  # which was made for its rate
+            raise SealegsError(f"{late.rstrip('.')}; {ended.rstrip('.')}{where}.")
+        say(late)
 
 
 def _on_a_stand(deployment: Deployment) -> str:

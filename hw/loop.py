@@ -20,7 +20,7 @@ from .interface import Bus
 from .log_rows import write_cycle
 from .measured_log import MeasuredLog
 from .outcome import Outcome, fault_of
-from .pace import Overruns, reading_time, too_slow
+from .pace import Overruns, measured, slower_of
 from .packets import BusError, ReplyError
 from .robot import Reading, ServoRobot
 from .safety import Fault, Safety
@@ -105,7 +105,8 @@ class ControlLoop:
         self.park, self._torque_on, self._let_go, self._begins = park, False, False, begins
         self._note = ""
         self._watch = TorqueWatch(self._metronome.period)
-        self._overruns, self._overruns_stop = Overruns(self._metronome.period), overruns == "stop"
+        self._overruns = Overruns(self._metronome.period, slower_of(commands))
+        self._overruns_stop = overruns == "stop"
 
     @property
     def elapsed(self) -> float:
@@ -209,11 +210,10 @@ class ControlLoop:
 
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""
-        self.bus.read_state(self.robot.all_ids)  # with all retries: who is missing here is missing
-        for adapter, own in self.bus.adapters(self.robot.all_ids):
-            slow = too_slow(reading_time(adapter, own), self._metronome.period, adapter.port, adapter.model)
-            if slow is not None and (fault := self._named("slow", slow)) is not None:
-                return fault
+        period = self._metronome.period
+        slow = measured(self.bus, self.robot, self.commands, period).too_slow(period)
+        if slow is not None and (fault := self._named("slow", slow)) is not None:
+            return fault
         self.reading = self._read_once()
         self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)  # nothing lags before it is told to
         fault = self._judge(self.reading)
@@ -322,7 +322,18 @@ class ControlLoop:
             return None
         if isinstance(reading, Fault):
             return reading
-        admitted = self.safety.admit(self.commands.goals(now, reading), self.sent, now)
+        if self._supervisor is not None:
+            self._supervisor.asking()
+        asked = self._metronome.now()
+        try:
+            goals = self.commands.goals(now, reading)
+        except SealegsError as error:  # such as a policy that broke off
+            self._write_last(reading)
+            return fault_of(error)
+        took = self._metronome.now() - asked
+        if (fault := self._beat()) is not None:
+            return fault
+        admitted = self.safety.admit(goals, self.sent, now)
         if isinstance(admitted, Fault):
             self._write_last(reading)
             return admitted
@@ -335,8 +346,9 @@ class ControlLoop:
             return fault_of(error)
         self.sent = admitted
         self._write(reading, sent)
-        self._metronome.done(reading.after - reading.before, sent - reading.time)
-        late = self._overruns.seen(self._metronome.overruns, reading.after - reading.before)
+        read = reading.after - reading.before
+        work = self._metronome.done(read, sent - reading.time, took)
+        late = self._overruns.seen(self._metronome.overruns, read, took, work)
         return self._named("overruns", late) if late is not None else None
 
     def _write(self, reading: Reading, sent: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -212,9 +213,11 @@ class ServoRobot:
                 f"{len(contract.observation_names)} values for {len(names)}",
             )
             refuse("observation_names", len(contract.observation_names), len(names), f"{first}: train it again")
-        if rate is not None and abs(rate - contract.goal_rate) > 1e-6 * rate:
+        if rate is not None and not any(math.isclose(rate, kept, rel_tol=1e-6) for kept in contract.rates):
             field = "control_rate" if contract.goals_per_action == 1 else "goal_rate"
-            refuse(field, f"{contract.goal_rate:g} Hz", f"{rate:g} Hz", "leave rate= out")
+            lower = ", ".join(f"{kept:g}" for kept in contract.rates[1:])
+            remedy = "leave rate= out" + (f", or give one of {lower}" if lower else "")
+            refuse(field, f"{contract.goal_rate:g} Hz", f"{rate:g} Hz", remedy)
         mounted = [sensor.name for sensor in self.sensors]
         if missing := [name for name in contract.sensors if name not in mounted]:
             raise ContractError(

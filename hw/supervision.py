@@ -18,7 +18,7 @@ from .alarm import to_stderr
 from .clock import HostClock
 from .hold_watch import HoldWatch
 from .in_charge import claims
-from .supervisor import AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Rest
+from .supervisor import ASKING, AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Rest
 from .take_over import Aftermath, bring_all_to_rest
 
 NAMES = re.compile(rb"\[[^]]*\]")  # of servos, as JSON among the words
@@ -61,7 +61,8 @@ def watch(charge: Charge, pipe: int, starting: Callable[[], None] = lambda: None
     while True:
         ready, _, _ = select.select([pipe], [], [], patience)
         if not ready:
-            return End(f"the loop was silent for {patience:g} s", hangs=True, release=release)
+            waits = ": its policy gave no goals" if last == ASKING else ""
+            return End(f"the loop was silent for {patience:g} s{waits}", hangs=True, release=release)
         read = os.read(pipe, 4096)
         for names in NAMES.findall(begun + read):
             left = tuple(json.loads(names))

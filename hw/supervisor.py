@@ -29,10 +29,10 @@ from .packets import BusError, PortError, UnpluggedError, in_words
 from .port import BusPort
 from .registers import load_model
 
-BEAT, STARTING, RESTING, DONE, HELD, RELEASE = b".", b"s", b"r", b"d", b"h", b"o"
+BEAT, ASKING, STARTING, RESTING, DONE, HELD, RELEASE = b".", b"a", b"s", b"r", b"d", b"h", b"o"
 READY, AT_REST = b"ready\n", b"at rest\n"
 PATIENCE = 10.0  # [s] that a run waits for servos that could not be brought to rest
-ASKING = 0.05  # [s] between two looks whether a person still waits
+LOOKING = 0.05  # [s] between two looks whether a person still waits
 STARTS = 60.0  # [s] that the process may take to start
 ENDS = 2.0  # [s] that it may take to end
 
@@ -275,6 +275,10 @@ class Supervisor:
         """Say that the loop is alive; never blocks. False: nobody listens any more."""
         return self._say(BEAT)
 
+    def asking(self) -> bool:
+        """Say that a policy is asked for goals, so that one that never answers is named. False: nobody listens."""
+        return self._say(ASKING)
+
     def starting(self) -> bool:
         """Say that torque comes on, servo by servo; from now on the loop is watched. False: nobody listens any more."""
         return self._say(STARTING)
@@ -343,7 +347,7 @@ class Supervisor:
         end = time.monotonic() + self._patience
         answer = b""
         while time.monotonic() < end and not give_up():
-            if select.select([self._answers], [], [], ASKING)[0]:
+            if select.select([self._answers], [], [], LOOKING)[0]:
                 answer = self._answers.readline()
                 break
         self._answers.close()

@@ -77,6 +77,9 @@ class Guard:
     def beat(self) -> bool:
         return self._listens()
 
+    def asking(self) -> bool:
+        return self._listens()
+
     def starting(self) -> bool:
         return self._listens()
 

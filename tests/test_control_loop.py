@@ -228,7 +228,7 @@ class Guard:
     """A supervisor that lives as long as it is told to."""
 
     def __init__(self, lives: Callable[[], bool]) -> None:
-        self.beat, self.starting, self.heard = lives, lives, list[str]()
+        self.beat, self.asking, self.starting, self.heard = lives, lives, lives, list[str]()
 
     def resting(self) -> bool:
         self.heard.append("resting")

@@ -118,7 +118,7 @@ def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
         (tmp_path / "ttyUSB7").mkdir()
         (tmp_path / "ttyUSB7" / "latency_timer").write_text(held + "\n")
     monkeypatch.setattr(pace, "DEVICES", tmp_path)
-    said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7", load_model("sts3215"))
+    said = pace.Pace(0.017, "/dev/ttyUSB7", load_model("sts3215")).too_slow(0.01)
     assert said is not None and "rate=41" in said
     assert (f"holds bytes for 16 ms, which `echo 1 | sudo tee {tmp_path}/ttyUSB7/latency_timer`" in said) == mends
     assert ("higher baud rate" in said and "return_delay" in said) != mends
@@ -126,12 +126,12 @@ def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
 
 @pytest.mark.parametrize(("model", "name"), [("sts3215", "return_delay:0"), ("xl330_m288", "return_delay_time:0")])
 def test_what_makes_replies_faster_is_named_as_this_make_calls_it(model: str, name: str) -> None:
-    said = pace.too_slow(0.017, 0.01, "/dev/ttyUSB7", load_model(model))
+    said = pace.Pace(0.017, "/dev/ttyUSB7", load_model(model)).too_slow(0.01)
     assert said is not None and f"sealegs scan port=/dev/ttyUSB7 servo={model} id=1 set={name})" in said
 
 
 def test_eighteen_servos_at_a_hundred_hertz_are_not_called_too_slow() -> None:
-    assert pace.too_slow(0.0061, 0.01, "/dev/ttyUSB7", load_model("sts3215")) is None
+    assert pace.Pace(0.0061, "/dev/ttyUSB7", load_model("sts3215")).too_slow(0.01) is None
 
 
 def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp_path: Path) -> None:

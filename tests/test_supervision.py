@@ -18,7 +18,7 @@ from sealegs.hw.hold_watch import HoldWatch
 from sealegs.hw.in_charge import InCharge
 from sealegs.hw.packets import PortBusyError, PortError
 from sealegs.hw.supervision import End, watch
-from sealegs.hw.supervisor import BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Bearable, Charge, Line
+from sealegs.hw.supervisor import ASKING, BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Bearable, Charge, Line
 from sealegs.hw.take_over import Aftermath, bring_all_to_rest
 
 from tests.simulated_runs import Simulation
@@ -343,7 +343,10 @@ def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch:
     monkeypatch.setattr("sealegs.hw.supervision.PATIENT", 0.05)
     for words in (STARTING, STARTING + BEAT, RESTING):
         end = ended(words, closed=False)
-        assert end is not None and end.hangs and "silent for 0.0" in end.why
+        assert end is not None and end.hangs and "silent for 0.0" in end.why and "policy" not in end.why
+    for words, named in ((BEAT + ASKING, True), (BEAT + ASKING + BEAT, False)):
+        end = ended(words, closed=False)
+        assert end is not None and end.hangs and ("its policy gave no goals" in end.why) == named
     assert ended(b"") is None, "torque never came on"
     begun: list[str] = []
     for words in (b"", RESTING + DONE, STARTING + STARTING + BEAT + RESTING + DONE):

@@ -1,0 +1,240 @@
+"""A policy that is slower than its period: told before torque comes on, named, and no period is caught up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.actuators.errors import SealegsError
+from sealegs.configs.compose import compose
+from sealegs.envs.contract import make_contract
+from sealegs.hw import deployment
+from sealegs.hw.clock import Timing
+from sealegs.hw.commands import PolicyCommands
+from sealegs.hw.measured_log import read_events
+from sealegs.hw.outcome import Outcome
+from sealegs.hw.pace import not_kept
+from sealegs.hw.policy import Policy, PolicyError
+from sealegs.hw.robot import build_robot
+from sealegs.hw.virtual.in_process import bus_in_process
+
+from tests.servo_runs import gentle_policy
+from tests.simulated_runs import Simulation
+
+PERIOD = 0.02
+LOOSE = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
+
+
+class Stub:
+    """A policy whose calls take time of a simulated clock, and may fail.
+
+    Attributes:
+        asked: the clock in the state that each call got, in goals.
+    """
+
+    def __init__(self, policy: Policy, seconds: float = 0.0) -> None:
+        self.path, self.contract, self.seconds = policy.path, policy.contract, seconds
+        self._policy, self.sleep, self.fails_after = policy, lambda _: None, 10**9
+        self.asked: list[int] = []
+
+    def act(self, observation: np.ndarray, command: np.ndarray, state: np.ndarray) -> Any:
+        self.sleep(self.seconds)
+        self.asked.append(round(state[0, 0]))
+        if len(self.asked) > self.fails_after:
+            raise PolicyError("the policy stub.onnx broke off: a bug.")
+        return self._policy.act(observation, command, state)
+
+
+def rig(stub: Any, **keys: Any) -> Simulation:
+    """The bench with a policy on it, on a clock that the policy's calls move too."""
+    made = Simulation(commands=lambda robot: PolicyCommands(stub, robot), rate=1.0 / PERIOD, limits=LOOSE, **keys)
+    stub.sleep = made.port.sleep
+    return made
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory: pytest.TempPathFactory) -> Policy:
+    return Policy(gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx"))
+
+
+def events(simulation: Simulation, name: str) -> list[dict[str, Any]]:
+    assert simulation.log is not None
+    return [event for event in read_events(simulation.log.path) if event.get("name") == name]
+
+
+def test_a_policy_slower_than_its_period_makes_cycles_longer_and_no_longer(policy: Policy, tmp_path: Path) -> None:
+    """Missed calls were made up for, which missed more: intervals of 30, 55, 81, 107 ... 387 ms."""
+    stub = Stub(policy, 0.025)
+    simulation, begun = rig(stub, folder=tmp_path), list[float]()
+    simulation.loop.each_cycle = lambda: begun.append(simulation.port.now())
+    outcome = simulation.run(1.5)
+    assert outcome.ending == "finished" and outcome.timing.overruns > 40
+    running = np.array(begun[-outcome.timing.cycles :])
+    assert np.diff(running).max() < 0.03, "one call a cycle"
+    clock, seconds = np.array(stub.asked[-outcome.timing.cycles :]), running - running[0]
+    assert np.abs(clock * PERIOD - seconds[: len(clock)]).max() <= PERIOD, "its clock is that of the run"
+    (before,), (late,) = events(simulation, "slow"), events(simulation, "overruns")
+    for told, first in ((before, "the policy takes 25.0 ms for its goals"), (late, "(the policy 25.0 ms")):
+        assert first in told["sentence"] and "train it again with env.control_rate=25" in told["sentence"]
+    assert simulation.log is not None
+    order = [event.get("name", event["event"]) for event in read_events(simulation.log.path)]
+    assert order.index("slow") < order.index("torque on") < order.index("overruns")
+
+
+def test_a_policy_that_cannot_keep_its_rate_gets_no_torque_where_that_ends_the_run(policy: Policy) -> None:
+    simulation = rig(Stub(policy, 0.025), overruns="stop")
+    outcome = simulation.run()
+    assert outcome.fault is not None and outcome.fault.name == "slow" and "the policy takes" in outcome.fault.sentence
+    assert not simulation.switched_on
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.010])
+def test_a_policy_that_keeps_its_rate_is_not_told(policy: Policy, seconds: float, tmp_path: Path) -> None:
+    simulation = rig(Stub(policy, seconds), folder=tmp_path)
+    assert simulation.run(0.5).timing.overruns == 0
+    assert not events(simulation, "slow") and not events(simulation, "overruns")
+
+
+def test_a_policy_that_becomes_slow_ends_the_run_where_that_is_asked_for(policy: Policy) -> None:
+    stub = Stub(policy)
+    simulation = rig(stub, overruns="stop")
+
+    def slower() -> None:
+        stub.seconds = 0.03 if simulation.loop.state == "running" else 0.0
+
+    simulation.loop.each_cycle = slower
+    outcome = simulation.run(2.0)
+    assert outcome.fault is not None and outcome.fault.name == "overruns" and "the policy 3" in outcome.fault.sentence
+    assert simulation.torque == [False]
+
+
+def test_a_policy_that_fails_in_mid_run_is_the_fault_and_the_servos_are_released(policy: Policy) -> None:
+    stub = Stub(policy)
+    simulation = rig(stub)
+
+    def fails() -> None:
+        if simulation.loop.state == "running" and simulation.loop.elapsed > 0.2:
+            stub.fails_after = 0
+
+    simulation.loop.each_cycle = fails
+    outcome = simulation.run()
+    assert outcome.fault is not None and outcome.fault.name == "PolicyError"
+    assert outcome.fault.sentence == "the policy stub.onnx broke off: a bug." and simulation.torque == [False]
+
+
+# --- periods that were left out -------------------------------------------------------------------------------------
+
+
+class Gait:
+    """A policy of the leg, which acts 100 times a second and gives goals 500 times: it only counts its calls."""
+
+    def __init__(self) -> None:
+        robot = self.robot = build_robot(compose("deploy", {"robot": "leg"})["robot"])
+        chains = {name: chain.to_list() for name, chain in robot.chains.items()}
+        self.contract, self.path = make_contract({"id": "SeaLegs/Leg-v0"}, chains, 100.0), "gait.onnx"
+        self.time, self.seconds, self.asked = 0.0, 0.0, list[int]()
+        bus, _ = bus_in_process(robot)
+        self.reading = robot.reading(bus.read_state(robot.all_ids))
+
+    def now(self) -> float:
+        return self.time
+
+    def act(self, observation: np.ndarray, command: np.ndarray, state: np.ndarray) -> Any:
+        self.time += self.seconds
+        self.asked.append(round(state[0, 0]))
+        after = state.copy()
+        after[0, 0] += 1.0
+        return np.zeros((1, len(self.contract.actions))), np.asarray(self.contract.start)[None], after
+
+    def commands(self) -> PolicyCommands:
+        stub: Any = self
+        made = PolicyCommands(stub, self.robot)
+        made.rehearse(self.reading, 0.002, self.now)
+        self.asked.clear()
+        return made
+
+
+@pytest.fixture(scope="module")
+def gait() -> Gait:
+    return Gait()
+
+
+def asked(gait: Gait, seconds: float, times: Sequence[float]) -> list[list[int]]:
+    """Goals that the gait was asked for in each cycle, where a call takes so long [s]."""
+    gait.seconds = seconds
+    commands, found = gait.commands(), list[list[int]]()
+    for time in times:
+        gait.asked.clear()
+        commands.goals(time, gait.reading)
+        found.append(list(gait.asked))
+    return found
+
+
+def test_a_generator_makes_up_for_missed_periods_where_that_takes_little(gait: Gait) -> None:
+    assert asked(gait, 0.0005, [0.0, 0.002, 0.008, 0.010]) == [[0], [1], [2, 3, 4], [5]]
+
+
+def test_a_generator_stands_still_in_missed_periods_that_it_has_no_time_for(gait: Gait) -> None:
+    cycles = asked(gait, 0.0025, [0.0, 0.004, 0.008, 0.012])
+    assert [len(calls) for calls in cycles] == [1] * 4, "or it would miss more and more"
+    assert cycles == [[0], [2], [4], [5]], "the goal that an action belongs to is never left out"
+
+
+def test_a_goal_is_asked_for_once_however_often_a_cycle_comes(gait: Gait) -> None:
+    assert asked(gait, 0.0, [0.0, 0.0004, 0.002]) == [[0], [], [1]]
+
+
+def test_a_gait_runs_at_a_rate_that_its_actions_fit_and_says_which(gait: Gait) -> None:
+    assert gait.contract.rates == (500.0, 100.0)
+    gait.robot.check_contract(gait.contract, 100.0)
+    with pytest.raises(SealegsError, match=r"'goal_rate' is 500 Hz, and here it is 250 Hz; .* give one of 100\."):
+        gait.robot.check_contract(gait.contract, 250.0)
+    assert asked(gait, 0.0005, [0.0, 0.01, 0.02]) == [[0], [1, 2, 3, 4, 5], [6, 7, 8, 9, 10]]
+    commands = gait.commands()
+    assert (
+        commands.slower(312.0)
+        == "give rate=100, at which each goal is held for 5 periods of its own, as it was not trained"
+    )
+    assert "env.control_rate=50 and give rate=50" in commands.slower(70.0)
+
+
+# --- the end --------------------------------------------------------------------------------------------------------
+
+
+def timing(overruns: int, busy: float = 1.4) -> Timing:
+    return Timing(100, overruns, 40, 0.0, 0.0, busy, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("found", "says"),
+    [
+        (timing(10), None),
+        (
+            timing(60),
+            "60 % of 100 cycles came too late, and 40 periods were left out; up to 50 Hz are possible: let the",
+        ),
+        (timing(60, 0.6), "let the computer do less beside"),
+    ],
+)
+def test_a_run_that_did_not_keep_its_rate_is_told_so_at_its_end(found: Timing, says: str | None) -> None:
+    told = not_kept(found, 100.0, None)
+    assert told is None if says is None else told is not None and says in told
+
+
+@pytest.mark.parametrize("rate", [50.0, None])
+def test_a_policy_that_was_not_asked_at_its_rate_did_not_run(
+    rate: float | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every cycle of the leg's policy came too late, and the exit status was 0."""
+    outcome = Outcome("finished", None, None, timing(100), {}, {})
+    deployed: Any = SimpleNamespace(config={"rest": "release"}, rate=50.0, commands=SimpleNamespace(rate=rate))
+    if rate is None:  # an excitation has its times in the log
+        deployment.report(deployed, deployment.Run(outcome, tmp_path / "run.csv"))
+        assert "was not kept" in capsys.readouterr().out.splitlines()[-1]
+        return
+    with pytest.raises(SealegsError, match=r"100 % of 100 cycles came too late.*the servos are released"):
+        deployment.report(deployed, deployment.Run(outcome, tmp_path / "run.csv"))
