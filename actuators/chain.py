@@ -25,8 +25,9 @@ from .layout import (
     P_TERMS,
     S_HEADER,
 )
+from .outside import opcode
 from .published import bam_file, bam_stages
-from .stages import OPCODES, ORDER, STAGES, ChainError, Quantity, Stage, build_stage
+from .stages import OPCODES, STAGES, ChainError, Quantity, Stage, build_stage, order
 from .stages.net import Net
 from .stages.parity import Frame
 
@@ -77,7 +78,7 @@ class Chain:
             raise ChainError(
                 f"{self.label}: 'thermal' weakens a 'dc_motor', which the chain lacks; remove it or add the motor."
             )
-        last = [name for name in ORDER if STAGES[name].at_end]
+        last = [name for name in order() if STAGES[name].at_end]
         ends = [name for name in names if name in last]
         if ends != sorted(ends, key=last.index) or names[len(names) - len(ends) :] != ends:
             raise ChainError(
@@ -95,9 +96,9 @@ class Chain:
 
     def _remedy(self) -> str:
         """What to do about stages that do not fit: another order, or a stage that misses."""
-        order = [name for name in ORDER if self.find(name)]
-        if order != [stage.name for stage in self.stages]:
-            return f"put it where it belongs in the order {' > '.join(order)}"
+        ordered = [name for name in order() if self.find(name)]
+        if ordered != [stage.name for stage in self.stages]:
+            return f"put it where it belongs in the order {' > '.join(ordered)}"
         return (
             "a position goal becomes a duty in 'position_p', 'position_pd' or 'position_pi', a duty a voltage "
             "in 'supply', a voltage a torque in 'dc_motor'; add what misses"
@@ -244,7 +245,8 @@ class Chain:
         assert stage.law is not None
         values = stage.law_values(self)
         numbers = [values[name] for name in stage.record_names()] + stage.law_tail()
-        return [OPCODES[stage.law], 3 + len(numbers), memory, *numbers]
+        code = OPCODES.get(stage.law) or opcode(stage.law, stage.name)
+        return [code, 3 + len(numbers), memory, *numbers]
 
     def _with_gear_loss(self) -> Chain:
         """The chain with a friction stage where its law has to start the limit: for a gear's loss, and for meshing."""
@@ -265,8 +267,9 @@ def with_stages(stages: Sequence[Stage], added: Iterable[Stage]) -> tuple[Stage,
         if at is not None:
             made[at] = stage
             continue
-        rank = ORDER.index(stage.name)
-        at = next((k for k, item in enumerate(made) if ORDER.index(item.name) > rank), len(made))
+        ranks = order()
+        rank = ranks.index(stage.name)
+        at = next((k for k, item in enumerate(made) if ranks.index(item.name) > rank), len(made))
         made.insert(at, stage)
     return tuple(made)
 

@@ -1,8 +1,9 @@
 """How the laws and the loops around them are compiled: by numba, once per version of what they say, kept on disk.
 
 numba looks only at the file that a function stands in: a law that calls a changed stage would silently stay the old
-one. So compiled code is kept under a digest of the function's module and of all modules of this package that it
-imports, as syntax trees: what is said in comments and docstrings, and on which line, does not count.
+one. So compiled code is kept under a digest of the function's module and of all modules of this package and of its own
+folder that it imports, as syntax trees: what is said in comments and docstrings, and on which line, does not count.
+That holds for the laws of others, too, in whatever file they are.
 
 A package that compiles functions makes a :class:`Compiler` of its own, with the words that a person reads while the
 first compilation lasts.
@@ -18,7 +19,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -34,6 +35,7 @@ from ..common.documents import read_json
 from .atomic import written
 
 # error_model: a division by zero gives infinity as in C; the check for it would cost a branch at every division
+PACKAGE = __name__.partition(".")[0]
 OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 
 
@@ -132,7 +134,7 @@ def _writable(path: Path) -> bool:
 
 
 def digest(file: Path) -> str:
-    """Of what a module says, with all modules of this package that it imports, directly or not."""
+    """Of what a module says, with all that :func:`imported` finds."""
     said = hashlib.sha256(numba.__version__.encode())
     for path in sorted(imported(file)):
         said.update(path.name.encode() + _source(path).said.encode())
@@ -140,21 +142,26 @@ def digest(file: Path) -> str:
 
 
 def imported(file: Path) -> set[Path]:
-    """A module and the modules that it imports relatively, directly or not; a package stands for all its files."""
+    """A module and what it imports, directly or not, of this package and of its own folder; a package that is imported
+    relatively stands for all its files.
+    """
     found: set[Path] = set()
     left = [file.resolve()]
     while left:
         path = left.pop()
         if path not in found:
             found.add(path)
-            left += _relative_imports(path)
+            left += _imports(path)
     return found
+
+
+KEPT_AS = b"imports, absolute ones too"  # changes with what a kept source says
 
 
 @dataclass(frozen=True)
 class _Source:
-    """What counts of a file: digest of its syntax without comments and docstrings, and its relative imports, each as
-    level, module and names.
+    """What counts of a file: digest of its syntax without comments and docstrings, and its imports, each as level (0:
+    absolute), module and names.
     """
 
     said: str
@@ -165,7 +172,7 @@ class _Source:
 def _source(path: Path) -> _Source:
     """Parsed once for each version of a file and kept beside the compiled code: parsing takes a third of a second."""
     text = path.read_bytes()
-    kept = folder() / f"source-{hashlib.sha256(sys.version.encode() + text).hexdigest()[:16]}.json"
+    kept = folder() / f"source-{hashlib.sha256(sys.version.encode() + KEPT_AS + text).hexdigest()[:16]}.json"
     with contextlib.suppress(ValueError, KeyError):
         found = read_json(kept)
         return _Source(found["said"], tuple((level, base, tuple(names)) for level, base, names in found["imports"]))
@@ -182,18 +189,22 @@ def _parsed(text: bytes) -> _Source:
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, False) is not None:
             node.body = node.body[1:]
-    imports = tuple(
-        (node.level, node.module or "", tuple(alias.name for alias in node.names))
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and node.level
-    )
-    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), imports)
+    imports: list[tuple[int, str, tuple[str, ...]]] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            imports.append((node.level, node.module or "", tuple(alias.name for alias in node.names)))
+        elif isinstance(node, ast.Import):
+            imports += [(0, alias.name, ()) for alias in node.names]
+    return _Source(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), tuple(imports))
 
 
 @functools.cache
-def _relative_imports(path: Path) -> list[Path]:
+def _imports(path: Path) -> list[Path]:
     found: list[Path] = []
     for level, module, names in _source(path).imports:
+        if level == 0:
+            found += _absolute(path, (module, *(f"{module}.{name}" for name in names)))
+            continue
         base = path.parents[level - 1].joinpath(*module.split(".")) if module else path.parents[level - 1]
         for target in (base, *(base / name for name in names)):
             if target.with_suffix(".py").is_file():
@@ -203,19 +214,30 @@ def _relative_imports(path: Path) -> list[Path]:
     return found
 
 
+def _absolute(path: Path, names: Iterable[str]) -> Iterator[Path]:
+    """Files of the modules of these names that are of this package, or in the folder of ``path``; all are loaded."""
+    for name in names:
+        file = getattr(sys.modules.get(name), "__file__", None)
+        if file is None or not file.endswith(".py"):
+            continue
+        if name.partition(".")[0] == PACKAGE or Path(file).resolve().is_relative_to(path.parent):
+            yield Path(file).resolve()
+
+
 class _Locator(_CacheLocator):
     """Where the compiled code of a function is kept, and what it is valid for."""
 
-    def __init__(self, py_file: str) -> None:
+    def __init__(self, module: str, py_file: str) -> None:
         file = Path(py_file)
         self._py_file = py_file  # numba names it in warnings
         self._stamp = digest(file)
-        self._path = folder() / f"{file.parent.name}-{file.stem}-{self._stamp}"
+        # of others by the name of the module, under which what is kept looks for what it calls
+        name = f"{file.parent.name}-{file.stem}" if module.partition(".")[0] == PACKAGE else module
+        self._path = folder() / f"{name}-{self._stamp}"
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
-        del py_func
-        return cls(py_file)
+        return cls(py_func.__module__, py_file)
 
     def get_cache_path(self) -> str:
         return str(self._path)

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from .chain import CHECKOUT, LIBRARY, load_chain, load_chain_set, names, set_names
-from .stages import ORDER, STAGES, Stage
+from .stages import Stage, known_stages, order
 
 PAGE = CHECKOUT / "docs" / "actuators.md"
 HEAD = """# Stages and chains
@@ -52,7 +52,7 @@ Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`;
 
 def page() -> str:
     """The text of docs/actuators.md."""
-    parts = [HEAD.format(example=(LIBRARY / "sts3215.yaml").read_text(encoding="utf-8"), order=_wrapped(ORDER))]
+    parts = [HEAD.format(example=(LIBRARY / "sts3215.yaml").read_text(encoding="utf-8"), order=_wrapped(order()))]
     parts.append("## Named chains\n\n| name | stages | what it models |\n|---|---|---|\n")
     parts += [f"| `{name}` | {load_chain(name)} | {_comment(LIBRARY / f'{name}.yaml')} |\n" for name in names()]
     parts.append(
@@ -62,9 +62,9 @@ def page() -> str:
     for name in set_names():
         patterns = ", ".join(f"`{pattern}`" for pattern in load_chain_set(name) or {})
         parts.append(f"| `{name}` | {patterns} | {_comment(LIBRARY / f'{name}.yaml')} |\n")
-    for module in dict.fromkeys(STAGES[name].__module__ for name in ORDER):  # one section a file
+    for module in dict.fromkeys(known_stages()[name].__module__ for name in order()):  # one section a file
         parts.append(f"\n## {module.rpartition('.')[2].capitalize()}\n")
-        parts += [_stage(stage) for stage in STAGES.values() if stage.__module__ == module]
+        parts += [_stage(stage) for stage in known_stages().values() if stage.__module__ == module]
     return "".join(parts)
 
 

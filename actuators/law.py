@@ -26,39 +26,46 @@ from .layout import (
     S_TIME,
     S_TORQUE,
 )
+from .outside import FIRST as FIRST_OUTSIDE
+from .outside import HALVES, address, caller
 from .stages import OPCODES
 from .stages.sensor import encoder_reading, late_position, record_latency, start_latency
 
 FIRST, LATER, RESTART, REPEAT = 0, 1, 2, 3
 
 
-def _by_opcode(half: str, arguments: str, otherwise: str) -> Any:
+def _by_opcode(half: str, otherwise: str) -> Any:
     """A compiled function ``(op, *arguments)`` that calls this half of the law of that opcode.
 
     It is written as one comparison after the other, which the compiler makes a jump table and inlines.
 
     Args:
         half: field of :class:`sealegs.actuators.stages.Law`.
-        arguments: that a half may name.
         otherwise: what a law without that half returns.
     """
-    lines, names = [f"def {half}(op, {arguments}):"], {}
+    lines, names = [f"def {half}(op, {HALVES[half]}):"], {"address": address, "outside": caller(half)}
     for law, opcode in OPCODES.items():
         if (function := getattr(law, half)) is not None:
             names[f"law_{opcode}"] = function
             taken = ", ".join(inspect.signature(function.py_func).parameters)
             lines += [f"    if op == {opcode}:", f"        return law_{opcode}({taken})"]
-    lines.append(f"    return {otherwise}")
+    lines += [
+        f"    if op >= {FIRST_OUTSIDE}:",
+        f"        at = address(op, {list(HALVES).index(half)})",
+        "        if at != 0:",
+        f"            {'return ' if otherwise != 'None' else ''}outside(at, {HALVES[half]})",
+        f"    return {otherwise}",
+    ]
     names["__name__"] = __name__
     exec(compile("\n".join(lines), __file__, "exec"), names)
     # inlined, as what calls it in a replay is: calls, and results through memory, were a third of its time
     return compiled(forceinline=half == "act")(names[half])
 
 
-start_stage = _by_opcode("start", "p, i, s, m, goal", "goal")
-advance_stage = _by_opcode("advance", "p, i, s, m, time", "None")
-act_of_stage = _by_opcode("act", "p, i, s, m, time, value, q, w, external, first", "value")
-idle_of_stage = _by_opcode("idle", "p, i, s, q, w, external", "0.0")
+start_stage = _by_opcode("start", "goal")
+advance_stage = _by_opcode("advance", "None")
+act_of_stage = _by_opcode("act", "value")
+idle_of_stage = _by_opcode("idle", "0.0")
 
 
 def _having(half: str) -> np.ndarray:
@@ -122,7 +129,7 @@ def stages_of(p, half):
     at = P_HEADER
     while p[at] > 0.0:
         op = int(p[at])
-        if half[op]:
+        if op >= FIRST_OUTSIDE or half[op]:
             k = 1 + 3 * table[0]
             table[k], table[k + 1], table[k + 2] = op, at + 3, int(p[at + 2])
             table[0] += 1

@@ -21,6 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ..actuators.errors import SealegsError, closest, nearest
+from ..common import plugins
 from ..common.documents import parse_json
 
 FOLDER = Path(__file__).resolve().parent
@@ -48,7 +49,8 @@ def split(arguments: Sequence[str], plain: Iterable[str] = (), first: str = "") 
     """Arguments ``key=value`` as a dict; a key given twice keeps the last value, as in Hydra.
 
     Values of ``plain`` keys are file names or words and are quoted, so that Hydra's grammar leaves them alone.
-    ``first`` is the key that a value without one is likely meant for.
+    ``first`` is the key that a value without one is likely meant for. ``plugins=`` is left out: whoever runs a command
+    has loaded them (:func:`sealegs.configs.script.run`).
 
     Raises:
         SealegsError: an argument has no ``=``.
@@ -62,6 +64,8 @@ def split(arguments: Sequence[str], plain: Iterable[str] = (), first: str = "") 
                 f"'{argument}' is not understood{meant}: arguments have the form key=value (--help lists them)."
             )
         key, value = key.strip(), value.strip()
+        if key == plugins.KEY:
+            continue
         if key in plain and value not in ("", "null") and value[0] not in "[{'\"":
             value = "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
         pairs[key] = value

@@ -13,6 +13,7 @@ from types import ModuleType
 
 from ..actuators.errors import SealegsError
 from ..actuators.extras import missing_package
+from ..common import plugins
 from ..common.bugs import BUG, reported
 from .compose import FOLDER, choices, groups
 
@@ -47,6 +48,7 @@ def _run(main: Callable[[list[str]], None], name: str, description: str, argumen
         if any(argument in ("-h", "--help") for argument in arguments):
             print(help_page(name, description))
         else:
+            plugins.add(*plugins.named_by(arguments))
             main(list(arguments))
         sys.stdout.flush()
         return 0
@@ -116,4 +118,6 @@ def help_page(name: str, description: str) -> str:
         page += [""]
     page += [f"Keys and their defaults (configs/{name}.yaml), given as key=value:", ""]
     keys = re.sub(r"^defaults:\n(?:  .*\n)*\n?", "", text, flags=re.MULTILINE).strip()
-    return "\n".join([*page, *(f"  {line}".rstrip() for line in keys.splitlines())])
+    page += [*(f"  {line}".rstrip() for line in keys.splitlines()), ""]
+    page += ["plugins=<file.py> runs files of your own that add stages, causes, robots, tasks or servos."]
+    return "\n".join(page)

@@ -8,6 +8,7 @@ import logging
 from pathlib import Path
 
 from ..actuators.errors import nearest
+from ..common import plugins
 from . import ENVIRONMENTS
 from .robot import Robot, RobotError
 from .robot_file import is_robot_file, load_robot_file
@@ -23,7 +24,8 @@ ROBOTS: dict[str, Robot] = {robot.name: robot for robot in map(_robot, ENVIRONME
 
 
 def get_robot(name: str | Path) -> Robot:
-    """The robot of that name, or the one that a file describes: its YAML, or an MJCF or URDF.
+    """The robot of that name, which may be an installed plugin's, or the one that a file describes: its YAML, or an
+    MJCF or URDF.
 
     What a file leaves open is assumed, and told on the standard error as the file is first read.
 
@@ -34,8 +36,18 @@ def get_robot(name: str | Path) -> Robot:
         raise RobotError(f"a robot is a name or the path of its file, not {name!r}; robots are {', '.join(ROBOTS)}.")
     if is_robot_file(name):
         return _described(Path(name).absolute(), _changed(Path(name)))
+    if name not in ROBOTS and name in (added := plugins.installed("robots")):
+        found = plugins.entry("robots", str(name))
+        if isinstance(found, Robot):
+            return found
+        if is_robot_file(found):
+            return get_robot(found)
+        raise RobotError(
+            f"what a plugin adds as the robot '{name}' ({added[str(name)].value}) is neither a Robot nor the path of a "
+            "robot's file."
+        )
     if name not in ROBOTS:
-        known = ", ".join(ROBOTS)
+        known = ", ".join([*ROBOTS, *plugins.installed("robots")])
         raise RobotError(
             f"there is no robot '{name}'{nearest(str(name), ROBOTS)}; robots are {known}, or the path of a robot's "
             ".yaml, .xml or .urdf."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,21 @@ def own_robot(word: str) -> dict[str, Any]:
             raise SealegsError(
                 f"{path}: deploy.safety.{key} is unknown{hint}; there are {', '.join(config['safety'])}."
             )
-    return {**config, **given, "name": str(path), "params": {}, "actuator": None, "safety": limits}
+    tables = _beside(path, given)
+    return {**config, **given, **tables, "name": str(path), "params": {}, "actuator": None, "safety": limits}
+
+
+def _beside(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Where a robot's file gives register tables of its own by their paths, those from its folder."""
+
+    def told(row: Any) -> Any:
+        if isinstance(row, Mapping) and str(row.get("servo", "")).endswith((".yaml", ".yml")):
+            return {**row, "servo": str(path.parent / row["servo"])}
+        return row
+
+    found = {key: told(given)[key] for key in ("servo",) if key in given}
+    buses = given.get("buses")
+    return {**found, "buses": {name: told(row) for name, row in buses.items()}} if isinstance(buses, Mapping) else found
 
 
 READERS = {"robot": own_robot}

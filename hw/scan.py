@@ -39,6 +39,7 @@ def rows(bus: ServoBus, ids: Iterable[int], say: Callable[[str], None] = print) 
     """
     protocol = bus.model.protocol
     names = {load_model(name).model_number: name for name in model_names() if load_model(name).protocol == protocol}
+    names[bus.model.model_number] = bus.model.name  # of a table that is given by its path
     count = 0
     for number in ids:
         try:

@@ -23,17 +23,21 @@ from sealegs.envs import register_environments
 if TYPE_CHECKING:
     from sealegs.actuators import load_chain
     from sealegs.actuators.errors import SealegsError
+    from sealegs.common.plugins import add as add_plugins
     from sealegs.environments import load_robot, make_env
     from sealegs.envs.extended import Extended
     from sealegs.gap.diagnose import diagnose
     from sealegs.gap.diagnosis import Diagnosis
+    from sealegs.gap.fit import fit
     from sealegs.gap.log import read_measured as read_log
 
 __all__ = [
     "Diagnosis",
     "Extended",
     "SealegsError",
+    "add_plugins",
     "diagnose",
+    "fit",
     "load_chain",
     "load_robot",
     "make_env",
@@ -44,7 +48,9 @@ _HOMES = {
     "Diagnosis": ("sealegs.gap.diagnosis", "Diagnosis"),
     "Extended": ("sealegs.envs.extended", "Extended"),
     "SealegsError": ("sealegs.actuators.errors", "SealegsError"),
+    "add_plugins": ("sealegs.common.plugins", "add"),
     "diagnose": ("sealegs.gap.diagnose", "diagnose"),
+    "fit": ("sealegs.gap.fit", "fit"),
     "load_chain": ("sealegs.actuators", "load_chain"),
     "load_robot": ("sealegs.environments", "load_robot"),
     "make_env": ("sealegs.environments", "make_env"),

@@ -56,6 +56,9 @@ class Machine(NamedTuple):
     resistance: float = 2.7
     armature: float = 0.026
     torque_loss_per_kelvin: float = 0.0
+    cogging: float = 0.0  # largest torque with which the magnets pull to some angles [N.m]
+    cogging_count: float = 7.0  # of those angles in a turn of the shaft
+    cogging_phase: float = 0.4
     # friction at the gearbox
     coulomb: float = 0.052
     viscous: float = 0.059
@@ -179,6 +182,12 @@ def winding_current(m, constant, duty, v):
 
 
 @numba.njit(cache=True)
+def magnets(m, q):
+    """Torque of the magnets on the rotor [N.m], whatever current flows."""
+    return m.cogging * math.sin(m.cogging_count * q + m.cogging_phase) if m.cogging != 0.0 else 0.0
+
+
+@numba.njit(cache=True)
 def ramped(m, at, speed, wanted):
     """The goal of the firmware a step later, and its speed: full push until only full braking is left."""
     push, left = m.goal_acceleration * STEP, wanted - at
@@ -254,7 +263,7 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
         relaxed -= STEP / m.cable_time * (relaxed - (link if elastic else q))
 
         # First half step: torque and acceleration at its start.
-        motor = min(max(constant * current, -m.overload_torque), m.overload_torque)
+        motor = min(max(constant * current, -m.overload_torque), m.overload_torque) + magnets(m, q)
         external = -transmitted(m, q - link, v - link_v) if elastic else load_torque(m, q, v) + cable
         if elastic:
             link_a = (load_torque(m, link, link_v) + cable - external) / inertia
@@ -279,7 +288,7 @@ def simulate(m, goal_time, goal, jam_start, jam_end, duration, start_temperature
 
         # Whole step with the midpoint's acceleration.
         current = winding_current(m, constant, duty, v_mid)
-        motor = min(max(constant * current, -m.overload_torque), m.overload_torque)
+        motor = min(max(constant * current, -m.overload_torque), m.overload_torque) + magnets(m, q_mid)
         external = (
             -transmitted(m, q_mid - link_mid, v_mid - link_v_mid) if elastic else load_torque(m, q_mid, v_mid) + cable
         )

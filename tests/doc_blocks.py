@@ -61,6 +61,7 @@ NOT_RUN = {
     "train env=hexapod": "takes a minute: tests/test_hexapod.py trains it",
     "paper=": "takes up to minutes a robot: tests/test_<robot>_paper.py",
     "sealegs loop\n": "train-and-deploy.md runs it",
+    "plugins=": "would stay in this process: tests/test_plugins.py runs it",
     "log=logs/servo": "its run is cut to 2 s here, too short to diagnose: logs/bench is diagnosed",
     "log=logs/xl330": "takes minutes of published data: benchmarks/real_data.py",
     "log=logs/ak80": "takes minutes of published data: benchmarks/real_data.py",
@@ -173,7 +174,8 @@ class Reader:
 
     def do(self, block: Block) -> None:
         """Type one block."""
-        if block.language in ("yaml", "xml") and block.title:
+        own = block.language == "python" and not (REPOSITORY / block.title).is_file()
+        if block.title and (own or block.language in ("yaml", "xml")):
             path = self.folder / block.title
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(block.text)

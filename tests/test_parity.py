@@ -14,7 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sealegs.actuators import Drivetrain
 from sealegs.actuators.chain import Chain, load_chain, load_chain_set, names, set_names
-from sealegs.actuators.stages import STAGES, ChainError, Quantity, Stage
+from sealegs.actuators.stages import ChainError, Quantity, Stage, known_stages
 from sealegs.actuators.stages.base import parameter, register
 from sealegs.actuators.stages.friction import Friction
 from sealegs.actuators.stages.parity import ANGLE, EVEN, ODD, Phase, Swapped
@@ -79,15 +79,16 @@ def values_of(stage: type[Stage]) -> st.SearchStrategy[dict[str, Any]]:
     return st.fixed_dictionaries({}, optional=drawn)
 
 
-@pytest.mark.parametrize("name", STAGES)
+@pytest.mark.parametrize("name", known_stages())
 @settings(max_examples=30, deadline=None, derandomize=True, database=None)
 @given(data=st.data())
 def test_every_stage_turns_with_its_joint(name: str, data: st.DataObject) -> None:
-    stage = STAGES[name]
+    stage = known_stages()[name]
     needed = {item.name for item in dataclasses.fields(stage) if item.default is dataclasses.MISSING}
     values = data.draw(values_of(stage))
     assume(needed <= set(values))
-    ticks, sign = data.draw(st.sampled_from(FRAMES))
+    # where an output jumps, another zero moves the moment by rounding; another direction does not
+    ticks, sign = data.draw(st.sampled_from(FRAMES[:1] if stage.switches else FRAMES))
     try:
         chain = holding(stage(**values))
     except ChainError:
@@ -185,7 +186,7 @@ def stage_with(**parameters: Any) -> type[Stage]:
 def test_a_stage_that_does_not_say_how_it_turns_is_refused(parameters: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ChainError, match=sentence):
         register(stage_with(**parameters))
-    assert "newcomer" not in STAGES
+    assert "newcomer" not in known_stages()
 
 
 def test_a_stage_that_states_its_parity_wrongly_is_found() -> None:

@@ -3,15 +3,46 @@
 import importlib
 import pkgutil
 
-from .base import STAGES, ChainError, Law, Quantity, Stage, build_stage, in_order, number_laws
+from .base import (
+    STAGES,
+    ChainError,
+    Law,
+    Quantity,
+    Stage,
+    build_stage,
+    in_order,
+    known_stages,
+    number_laws,
+    order,
+    parameter,
+    register,
+    stage_of,
+)
+from .parity import ANGLE, EVEN, ODD, Phase, Reading, Swapped
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
 
-ORDER: tuple[str, ...] = in_order(STAGES)
-"""Names of the stages in the order of a chain."""
+OPCODES: dict[Law, int] = number_laws(STAGES[name] for name in in_order(STAGES))
+"""The number by which a program names each law of this package; :mod:`sealegs.actuators.outside` has the others."""
 
-OPCODES: dict[Law, int] = number_laws(STAGES[name] for name in ORDER)
-"""The number by which a program names each law."""
-
-__all__ = ["OPCODES", "ORDER", "STAGES", "ChainError", "Law", "Quantity", "Stage", "build_stage"]
+__all__ = [
+    "ANGLE",
+    "EVEN",
+    "ODD",
+    "OPCODES",
+    "STAGES",
+    "ChainError",
+    "Law",
+    "Phase",
+    "Quantity",
+    "Reading",
+    "Stage",
+    "Swapped",
+    "build_stage",
+    "known_stages",
+    "order",
+    "parameter",
+    "register",
+    "stage_of",
+]

@@ -17,6 +17,7 @@ from enum import StrEnum
 from functools import cache
 from typing import Any, ClassVar, TypeVar
 
+from ...common import plugins
 from ..errors import SealegsError, nearest
 from .parity import Frame, Parity
 
@@ -276,6 +277,40 @@ def _meant_otherwise(value: float, unit: str, low: float, high: float) -> str:
 
 
 STAGES: dict[str, type[Stage]] = {}
+"""Those that are registered so far; plugins are loaded when a stage is asked for that is not among them."""
+
+
+def known_stages() -> Mapping[str, type[Stage]]:
+    """All stages by name, with those of plugins (:mod:`sealegs.common.plugins`).
+
+    Raises:
+        SealegsError: a plugin cannot be loaded.
+    """
+    plugins.load("stages")
+    return STAGES
+
+
+def stage_of(name: str) -> type[Stage] | None:
+    """The stage of that name; None: there is none.
+
+    Raises:
+        SealegsError: as :func:`known_stages`.
+    """
+    return STAGES.get(name) or known_stages().get(name)
+
+
+def order() -> tuple[str, ...]:
+    """Names of the stages that are registered so far, in the order of a chain.
+
+    Raises:
+        ChainError: a stage stands after one that does not exist.
+    """
+    return _ordered(tuple(STAGES))
+
+
+@cache
+def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
+    return in_order({name: STAGES[name] for name in names})
 
 
 S = TypeVar("S", bound=Stage)
@@ -310,7 +345,7 @@ def in_order(stages: Mapping[str, type[Stage]]) -> tuple[str, ...]:
     followers: dict[str, list[str]] = collections.defaultdict(list)
     for name, stage in stages.items():
         if stage.after and stage.after not in stages:
-            raise LookupError(f"stage '{name}' stands after '{stage.after}', which does not exist")
+            raise ChainError(f"stage '{name}' stands after '{stage.after}', which does not exist.")
         followers[stage.after].append(name)
 
     def behind(name: str) -> list[str]:
@@ -333,11 +368,11 @@ def build_stage(name: str, parameters: Any, where: str) -> Stage:
     Raises:
         ChainError: unknown stage or parameter, missing parameter, a value that is no number or out of bounds.
     """
-    if name not in STAGES:
+    if (cls := stage_of(name)) is None:
         raise ChainError(
-            f"{where}: there is no stage '{name}'{nearest(name, STAGES)}; stages are {', '.join(sorted(STAGES))}."
+            f"{where}: there is no stage '{name}'{nearest(name, STAGES)}; stages are {', '.join(sorted(STAGES))}, and "
+            "those of a file that plugins= names."
         )
-    cls = STAGES[name]
     if parameters is None:
         parameters = {}
     if not isinstance(parameters, Mapping):

@@ -1,4 +1,5 @@
-"""A user's own task: a class in a Python file anywhere, named ``path/to/task.py:MyTask``.
+"""A user's own task: a class in a Python file anywhere, named ``path/to/task.py:MyTask``, or one that an installed
+distribution adds, named ``plugins/<name of its entry point>``.
 
 Its file is run where a person or a caller names it (:func:`user_id`), and nowhere else. A policy, a contract and a run
 folder are data: the task that they name is looked up among those that were run already (:func:`known_user_id`), or
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import inspect
 import re
 import shlex
 import sys
@@ -21,21 +23,26 @@ from typing import Any
 import gymnasium as gym
 
 from ...actuators.errors import SealegsError, nearest
+from ...common import plugins
 from ..arguments import TaskShell
 from ..single import SingleEnv
 from ..task import Task
 from ..vector import BatchVectorEnv
 
 _WORD = re.compile(r"(?P<path>.+\.py):(?P<name>\w+)")
+INSTALLED = "plugins/"
+"""Before the name of an installed task."""
 
 
 def is_user_task(word: str) -> bool:
-    """Whether a word for an environment names a class in a file."""
-    return _WORD.fullmatch(str(word)) is not None
+    """Whether a word for an environment names a class in a file, or an installed task."""
+    return _WORD.fullmatch(str(word)) is not None or str(word).startswith(INSTALLED)
 
 
 def absolute(word: str) -> str:
     """The same with an absolute path, so that a run means the same file from any folder."""
+    if word.startswith(INSTALLED):
+        return word
     match = _WORD.fullmatch(word)
     assert match is not None
     return f"{Path(match['path']).absolute()}:{match['name']}"
@@ -43,6 +50,8 @@ def absolute(word: str) -> str:
 
 def file_of(word: str) -> Path:
     """The file of a task that :func:`is_user_task`."""
+    if word.startswith(INSTALLED):
+        return Path(inspect.getfile(_installed(word)))
     return Path(absolute(word).rpartition(":")[0])
 
 
@@ -50,8 +59,13 @@ def user_id(word: str) -> str:
     """Run the task's file, register the task with Gymnasium and return its id; again does no harm.
 
     Raises:
-        SealegsError: there is no such file or class, the file cannot be run, or the class is no task.
+        SealegsError: there is no such file, class or installed task, the file cannot be run, or the class is no task.
     """
+    if word.startswith(INSTALLED):
+        identity = f"{word.removesuffix('-v0')}-v0"
+        if identity not in gym.registry:
+            _register(identity, _installed(word))
+        return identity
     match = _WORD.fullmatch(absolute(word))
     assert match is not None
     path, name = Path(match["path"]), match["name"]
@@ -72,18 +86,39 @@ def user_id(word: str) -> str:
             f"{path}: {name} is no task; make it a dataclass(frozen=True) from sealegs.envs.task.Task, or from "
             "sealegs.envs.any_robot.task.AnyRobotTask, with all of their methods."
         )
-    shells = {kind: _shell(kind, task, name, module) for kind in (SingleEnv, BatchVectorEnv)}
+    _register(identity, task)
+    return identity
+
+
+def _installed(word: str) -> type[Task]:
+    """The class of an installed task, by its word or its id."""
+    name, known = word.removeprefix(INSTALLED).removesuffix("-v0"), plugins.installed("tasks")
+    if name not in known:
+        raise SealegsError(
+            f"no installed package adds a task '{name}'{nearest(name, known)}; there are {', '.join(known) or 'none'}."
+        )
+    task = plugins.entry("tasks", name)
+    if not _is_task(task):
+        raise SealegsError(f"{word}: {known[name].value} is no task; make it a dataclass from sealegs.envs.task.Task.")
+    return task
+
+
+def _register(identity: str, task: type[Task]) -> None:
+    module = sys.modules[task.__module__]
+    shells = {kind: _shell(kind, task, task.__name__, module) for kind in (SingleEnv, BatchVectorEnv)}
     gym.register(
         id=identity,
         entry_point=shells[SingleEnv],
         vector_entry_point=shells[BatchVectorEnv],
         max_episode_steps=task.episode_steps,
     )
-    return identity
 
 
 def known_user_id(word: str) -> str | None:
     """The id of a task whose file was run in this process, as it was when it was named last; None where it was not."""
+    if word.startswith(INSTALLED):
+        identity = f"{word.removesuffix('-v0')}-v0"
+        return identity if identity in gym.registry else None
     path, _, name = absolute(word).rpartition(":")
     start, end = f"file-{_number(path.encode())}-", f"/{name}-v0"
     return next((key for key in reversed(gym.registry) if key.startswith(start) and key.endswith(end)), None)

@@ -1,6 +1,7 @@
 """The catalogue: every physical cause that a gap of a joint can be named for.
 
-A new cause is one function in the file of its family, and one test.
+A new cause is one function in the file of its family, and one test; one from outside is a plugin
+(:mod:`sealegs.common.plugins`).
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from ...actuators.errors import SealegsError, nearest
+from ...common import plugins
 from ..replay.joint_model import JointModel
 from ..replay.parameters import TIGHT, Parameter, Target, factor
 from . import contact, drive, friction, load, sensor, transmission
@@ -44,8 +46,9 @@ def checked(names: Sequence[str] | None) -> Collection[str]:
     """Names of causes; all of the catalogue's where none are given.
 
     Raises:
-        SealegsError: a name is of no cause.
+        SealegsError: a name is of no cause, or a plugin cannot be loaded.
     """
+    plugins.load("causes")
     known = [*ENTRIES, *GROUND, *ROBOT]
     for name in names or ():
         if name not in known:

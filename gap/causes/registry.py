@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from ...actuators.errors import SealegsError
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, address, factor
 from .cause import Cause
@@ -49,11 +50,18 @@ def entry(name: str, applies: Applies = always) -> Callable[[Make], Make]:
     Args:
         name: of the cause, which the function leaves out.
         applies: whether a nominal joint can have it.
+
+    Raises:
+        SealegsError: another function has entered that name.
     """
 
     def add(make: Make) -> Make:
-        if name in ENTRIES:
-            raise ValueError(f"the catalogue has '{name}' already.")
+        other = ENTRIES[name].make if name in ENTRIES else make
+        if (other.__module__, other.__qualname__) != (make.__module__, make.__qualname__):
+            raise SealegsError(
+                f"the catalogue has a cause '{name}' already, in {other.__module__}; give the one in {make.__module__} "
+                "another name."
+            )
         ENTRIES[name] = Entry(name, applies, make)
         return make
 

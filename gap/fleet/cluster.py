@@ -19,11 +19,12 @@ from typing import Any
 from ...actuators.atomic import folder_written
 from ...actuators.errors import SealegsError
 from ...actuators.extras import needed_for
+from ...common.plugins import environment
 from ..log.reader import files_named_by
 from .jobs import Job, Outcome, Report, finished, fits_of_joint, joints_of, run_job
 
 PACKAGE = __name__.partition(".")[0]
-PARTS = ("actuators", "configs", "envs", "gap")  # what a worker of a cluster needs of the package
+PARTS = ("actuators", "common", "configs", "envs", "gap")  # what a worker of a cluster needs of the package
 
 
 def ray_module() -> Any:
@@ -44,9 +45,8 @@ def on_ray(jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
     if started:
         with tempfile.TemporaryDirectory() as folder:  # Ray packs it at once
             modules = [str(copied_package(Path(folder)))]
-            ray.init(
-                runtime_env={"py_modules": modules}, logging_level="ERROR", log_to_driver=False, include_dashboard=False
-            )
+            needed = {"py_modules": modules, "env_vars": environment()}
+            ray.init(runtime_env=needed, logging_level="ERROR", log_to_driver=False, include_dashboard=False)
     task = ray.remote(num_cpus=1, max_retries=1)(diagnosed_elsewhere)
     pending: dict[Any, Job] = {}
     try:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...actuators.errors import SealegsError
+from ...common import plugins
 from ...envs.extended import read_extended
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS, get_robot
@@ -124,11 +125,11 @@ def experiment_command(goals: Path, logs: Path | None = None) -> str:
             words.append(f"robot.params.{name}={value:g}")
     if logs is not None:
         words.append(f"out={logs}-model-frame" if said.meta.get("frames") else f"out={logs}")
-    return shlex.join(words)
+    return shlex.join([*words, *plugins.arguments()])
 
 
 def train_command(folder: Path) -> str:
     """The command that trains on the extended model of a folder."""
     robot = read_extended(folder).robot
     task = ["env=track", f"robot={robot}"] if is_robot_file(robot) else [f"env={robot}"] if robot in ROBOTS else []
-    return shlex.join(["sealegs", "train", *task, f"extended={folder}"])
+    return shlex.join(["sealegs", "train", *task, f"extended={folder}", *plugins.arguments()])

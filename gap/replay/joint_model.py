@@ -14,7 +14,7 @@ import numpy as np
 
 from ...actuators.chain import Chain, with_stages
 from ...actuators.layout import P_VISCOUS
-from ...actuators.stages import STAGES, Stage
+from ...actuators.stages import Stage, stage_of
 from ...actuators.stages.base import ChainError
 from ..load.load import Load
 from ..load.pendulum import PendulumLoad
@@ -192,6 +192,6 @@ class JointModel:
 
 
 def _neutral(name: str) -> Stage:
-    if name not in STAGES:
+    if (stage := stage_of(name)) is None:
         raise ChainError(f"the chain has no stage '{name}', and there is no such stage to add.")
-    return STAGES[name].neutral()
+    return stage.neutral()

@@ -24,7 +24,6 @@ from ...actuators.law import (
     torque_of_stages,
 )
 from ...actuators.layout import P_LATENCY, P_OFFSET, P_SCALE, P_STATE_SIZE, P_TICKS, S_CURRENT, S_DUTY, S_LIMIT, S_TIME
-from ...actuators.stages import STAGES
 from ..load.terms import (
     E_BIAS,
     E_COUPLING,
@@ -47,7 +46,6 @@ DIVERGED = 1e3  # in each channel from where a replay has left all bounds
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it
 # [s] with play, whose teeth meet for a few milliseconds, and with firmware that switches: it must when the machine does
 EVENT_STEP = 2.5e-4
-SWITCHING = tuple(name for name, stage in STAGES.items() if stage.switches)
 NEAR = 0.5  # [rad] below which sines are summed up from their series
 CHANNELS = ("position", "link_position", "duty", "current")
 

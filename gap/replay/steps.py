@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Chain
 from .problem import JointProblem
-from .simulator import DIVERGED, ELASTIC_STEP, EVENT_STEP, SWITCHING
+from .simulator import DIVERGED, ELASTIC_STEP, EVENT_STEP
 
 ROBOT_STEP = 5e-3  # [s] tried first at joints of robots, whose logs are coarser and longer than those of benches
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
@@ -29,7 +29,7 @@ def largest_step(chain: Chain, coarse: float = 1.0) -> float:
     differences = chain.find("derivative")
     push = 0.5 * differences.filter * min(coarse, 8.0) if differences else np.inf
     elastic = min(ELASTIC_STEP if springs else np.inf, push)
-    switches = teeth or any(chain.find(stage) is not None for stage in SWITCHING)
+    switches = teeth or any(stage.switches for stage in chain.stages)
     return min(EVENT_STEP * coarse if switches else np.inf, elastic)
 
 

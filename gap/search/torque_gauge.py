@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from ...actuators.stages import STAGES
+from ...actuators.stages import stage_of
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, address
 from ..replay.problem import Problem
@@ -58,6 +58,6 @@ def is_torque(parameter: Parameter) -> bool:
     at = address(parameter.number)
     if parameter.number in (*LOADS, "scale.factor", "ideal.strength"):
         return True
-    stage = STAGES.get(at.owner)
+    stage = stage_of(at.owner)
     unit = parameter.unit if stage is None or at.owner == "offset" else stage.unit_of(at.key)
     return unit.startswith(("N.m", "kg.m2"))

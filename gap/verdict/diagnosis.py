@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 
 from ...actuators.chain import Chain
+from ...actuators.errors import SealegsError
 from ...common.bugs import Unforeseen, apart
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.contact import with_stops
@@ -211,6 +212,25 @@ def diagnose_joint(
     request.progress("measuring the gain on runs that nothing has seen")
     case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint), runs[0].meta.get("frames"))
     return conclude(case, replay, search, request)
+
+
+def prepared(data: MeasuredSet, joint: str, request: Request) -> Replay:
+    """The replay of one joint of a data set, its faults mended, and nothing searched.
+
+    Raises:
+        SealegsError: it cannot be replayed; the sentence says why.
+    """
+    data, findings, stop = check_log(data, request.progress)
+    if stop is not None:
+        raise SealegsError(stop.sentence)
+    runs, _ = in_likely_frames(data.runs, request.progress, request.test_group)
+    runs, _ = without_rests(runs, request.progress, request.test_group)
+    pieces = cut_joint([with_believed_load(run) for run in runs], joint, request.test_group, None)
+    before_goal = any(f.code == "columns.before_goal" and f.joint in (joint, None, "") for f in findings)
+    replay = _replay(pieces, request, before_goal=before_goal)
+    if isinstance(replay, Refused):
+        raise SealegsError(f"{replay.subject} cannot be replayed: {replay.reason}")
+    return replay
 
 
 def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ...actuators.processes import cores, exit_with_parent
+from ...common import plugins
 from ...common.bugs import apart
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
@@ -197,6 +198,7 @@ def _begin(threads: int) -> None:
     from numba import get_num_threads, set_num_threads
 
     set_num_threads(min(threads, get_num_threads()))
+    plugins.load("causes")  # before a joint comes whose chain has a stage of a file that was named
 
 
 def _one(

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from ...actuators.errors import nearest
+from ...actuators.errors import SealegsError, nearest
+from ...common import plugins
 from ...common.documents import read_yaml
 from ..packets import RegisterError
 
@@ -227,27 +228,66 @@ class ServoModel:
 
 
 def model_names() -> list[str]:
-    """Servo models that have a table."""
-    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+    """Servo models that have a table, those of installed plugins too."""
+    return sorted({*(path.stem for path in FOLDER.glob("*.yaml")), *plugins.installed("servos")})
+
+
+def load_model(name: str) -> ServoModel:
+    """The servo model of that name, or of a register table of one's own: the path of a YAML file.
+
+    Raises:
+        RegisterError: there is no table for it, or the table is wrong.
+    """
+    return _model(str(Path(name).absolute()) if _is_file(name) else name)
+
+
+def _is_file(name: str) -> bool:
+    return Path(name).suffix in (".yaml", ".yml")
 
 
 @functools.cache
-def load_model(name: str) -> ServoModel:
-    """The servo model of that name.
+def _model(name: str) -> ServoModel:
+    path = _table_of(name)
+    try:
+        return _made(name, _table(path))
+    except SealegsError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        what = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise RegisterError(
+            f"{path} is no register table of a servo: {what}; begin it as those in {FOLDER}."
+        ) from error
 
-    Raises:
-        RegisterError: there is no table for it.
-    """
-    if name not in model_names():
+
+def _table_of(name: str) -> Path:
+    """The file of a servo model's table."""
+    if _is_file(name):
+        return Path(name)
+    if (own := FOLDER / f"{name}.yaml").is_file():
+        return own
+    if name not in plugins.installed("servos"):
         raise RegisterError(
             f"there is no register table for the servo model '{name}'{nearest(name, model_names())}; "
-            f"there are {', '.join(model_names())}, and another one is a file in hw/registers."
+            f"there are {', '.join(model_names())}, and another one is the path of a YAML file."
         )
-    table: dict[str, Any] = read_yaml(FOLDER / f"{name}.yaml")
-    if "like" in table:
-        base = read_yaml(FOLDER / f"{table['like']}.yaml")
-        changed = {**base["registers"], **table.pop("registers", {})}
-        table = {**base, **table, "registers": {key: row for key, row in changed.items() if row is not None}}
+    found = plugins.entry("servos", name)
+    if isinstance(found, str | Path):
+        return Path(found)
+    return Path(found.__file__).parent / f"{name}.yaml"  # of a package that holds tables
+
+
+def _table(path: Path) -> dict[str, Any]:
+    """What a table says, on top of the one that it is ``like``."""
+    table: dict[str, Any] = read_yaml(path)
+    if "like" not in table:
+        return table
+    like = str(table["like"])
+    base = _table(path.parent / like if _is_file(like) else _table_of(like))
+    changed = {**base["registers"], **table.pop("registers", {})}
+    return {**base, **table, "registers": {key: row for key, row in changed.items() if row is not None}}
+
+
+def _made(name: str, table: Mapping[str, Any]) -> ServoModel:
     order = table.get("byte_order", "little")
     registers = {key: _register(key, row, order) for key, row in table["registers"].items()}
     number = int(table["model_number"])

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ....actuators.stages import STAGES
+from ....actuators.stages import stage_of
 from ...experiment import Experiment
 from ...ground.ground import GROUND
 from ...log.parts import FIT_A, FIT_B, TEST
@@ -258,7 +258,7 @@ def _parameter(path: str, value: Value, problem: Problem | None) -> dict[str, st
 def _before(problem: Problem | None, path: str, value: float) -> str:
     """Nominal value of a parameter; a stage that the nominal chain lacks has none."""
     stage = address(path).owner
-    chain = None if problem is None or stage not in STAGES else problem.chain({})
+    chain = None if problem is None or stage_of(stage) is None else problem.chain({})
     return number(value) if chain is None or chain.find(stage) is not None else ABSENT
 
 
