@@ -16,13 +16,12 @@ import mujoco
 import numpy as np
 
 from ..actuators.engine import install
-from ..gap.checks.bootstrap import block_weights
 from .robot import ServoRobot
 from .simulated import Recording, velocity_of
 from .virtual.machine import Machine
 
 WINDOW = 0.2  # [s]
-DRAWS = 2000  # of the bootstrap
+DRAWS = 5000  # of exchanges
 DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
 WHOLE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 LOOPS = 5  # Newton steps that close a mechanism's loops
@@ -207,20 +206,22 @@ def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.
     return np.array(rows).reshape(len(rows), difference.shape[1])
 
 
-def ratios(found: np.ndarray, accounted: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """How many times what is accounted for an error is (s,), and a lower confidence bound of that.
+def ratios(found: np.ndarray, accounted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How many times what is accounted for an error is (s,), and by what chance it would be as many where they are one.
 
-    Windows differ: in one of them a foot lands. So the bound is a bootstrap's, over the windows.
+    Windows differ: in one of them a foot lands. Where machine and model are one, what was found and what is accounted
+    for could change places in any window, so the ratio is compared with those after such exchanges.
 
     Args:
         found, accounted: mean squares in the same windows (w, s).
-        share: probability of a ratio below the bound.
     """
-    weights = block_weights(len(found), DRAWS, np.random.default_rng(0))
-
-    def drawn(rows: np.ndarray) -> np.ndarray:
-        return np.sqrt(weights @ rows / len(rows))
-
     least = 1e-9  # [rad or m]
-    ratio = np.sqrt(found.mean(axis=0)) / np.maximum(np.sqrt(accounted.mean(axis=0)), least)
-    return ratio, np.quantile(drawn(found) / np.maximum(drawn(accounted), least), share, axis=0)
+    swapped = np.random.default_rng(0).integers(0, 2, (DRAWS, len(found)), dtype=np.int8).astype(float)
+
+    def ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.maximum(above, 0.0)) / np.maximum(np.sqrt(np.maximum(below, 0.0)), least)
+
+    difference = swapped @ (accounted - found) / len(found)
+    drawn = ratio(found.mean(axis=0) + difference, accounted.mean(axis=0) - difference)
+    own = ratio(found.mean(axis=0), accounted.mean(axis=0))
+    return own, (1.0 + (drawn >= own * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + DRAWS)

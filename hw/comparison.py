@@ -33,6 +33,12 @@ NOTHING_ELSE: dict[str, Any] = {
 """Keys of ``configs/deploy.yaml`` that ``configs/evaluate.yaml`` has not."""
 
 
+NOMINAL_MACHINE = (
+    "This virtual machine hides nothing: it is the nominal one, from which an extended model should differ. "
+    "hw.virtual.hidden=<file> names another, such as the extended.yaml of the diagnosis."
+)
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Runs of one policy.
@@ -46,6 +52,7 @@ class Comparison:
         figures: by the same names.
         ending: of the machine's run.
         log: of the machine's run.
+        note: what else a person should know of the machine; "": nothing.
     """
 
     policy: str
@@ -57,6 +64,7 @@ class Comparison:
     figures: Mapping[str, Figures]
     ending: str
     log: Path
+    note: str = ""
 
 
 def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] = print) -> Comparison:
@@ -123,14 +131,20 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
         )
     runs[MACHINE], figures[MACHINE] = machine, measure(machine, robot)
     columns = robot.names, robot.units, robot.base_names
-    return Comparison(str(policy.path), robot.robot.name, *columns, runs, figures, outcome, log)
+    note = NOMINAL_MACHINE if config["extended"] is not None and hides_nothing(config["hw"]["virtual"]) else ""
+    return Comparison(str(policy.path), robot.robot.name, *columns, runs, figures, outcome, log, note)
+
+
+def hides_nothing(virtual: Mapping[str, Any] | None) -> bool:
+    """Whether a machine is a virtual one, and as everybody believes."""
+    return virtual is not None and not any(virtual.get(key) for key in ("hidden", "actuator", "params"))
 
 
 def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[str, Any]:
     """The gap as :class:`Figures` has it, from mean squares of joints and base (w, k + b), found and accounted for."""
     names = [*robot.names, *(f"base {name}" for name in robot.base_names)]
-    ratio, bound = ratios(found, accounted, CHANCE / len(names))
-    ratio = np.where(bound > 1.0, ratio, 0.0)  # else the two runs differ by chance
+    ratio, chance = ratios(found, accounted)
+    ratio = np.where(chance < CHANCE / len(names), ratio, 0.0)
     worst, joints = int(np.argmax(ratio)), len(robot.names)
     total, expected = (rms_by_unit(rows[:, :joints], robot) for rows in (found, accounted))
     there = bool(ratio[worst] > GAP)

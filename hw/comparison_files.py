@@ -36,6 +36,8 @@ def write_comparison(comparison: Comparison, folder: Path, say: Callable[[str], 
     for name, figures in comparison.figures.items():
         if name != MACHINE:
             say(f"  The {name} model: {verdict(figures)}")
+    if comparison.note:
+        say(f"  {comparison.note}")
     if comparison.ending != "finished":
         say(f"  The machine's run ended early: {comparison.ending}")
     say(f"  Page  {paths['page']}")

@@ -58,6 +58,7 @@ Dotted lines: where a model's signal first departs.</p>
 def headline(comparison: Comparison) -> str:
     """The comparison in a sentence."""
     said = [f"The {name} model: {verdict(row)}" for name, row in comparison.figures.items() if name != MACHINE]
+    said += [comparison.note] if comparison.note else []
     first = comparison.figures["nominal"]
     departs = f" {first.departs} departs first, after {first.departs_at:.2f} s." if first.departs else ""
     return " ".join(said) + departs

@@ -33,6 +33,7 @@ from .way import Way
 RETRYING = 0.5  # share of the period after which no servo is asked again
 SEATED = 0.3  # [s] that the park pose is held before the release
 SETTLING = 3.0  # [s] that the approach may take longer than planned
+NOT_SEATED = ("following", "frozen")  # what a joint that does not get to its park pose looks like
 NOWHERE = float("nan")
 
 
@@ -394,7 +395,7 @@ class ControlLoop:
         self._event("sitting down")
         while (now := self._metronome.now() - begun) < way.span + park.duration + SEATED:
             reading = self._reading()
-            if isinstance(reading, Fault) and reading.name == "following":  # it lies on something, and is let go now
+            if isinstance(reading, Fault) and reading.name in NOT_SEATED:  # it lies on something, and is let go now
                 self._note = f"The robot was released before it sat: {reading.sentence}"
                 self._event("not seated", sentence=reading.sentence, servos=named(reading.servos))
                 return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,38 @@ def test_a_policy_runs_and_its_log_says_everything(
     assert events == ["torque on", "started", "at rest", "end"]
     assert run(f"policy={policy}", f"out={tmp_path}", "name=run", "duration=2") == 2
     assert "never overwritten" in capsys.readouterr().err
+
+
+def test_a_stepped_run_on_a_machine_that_stalls_is_the_same_and_nobody_guards_simulated_servos(
+    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``silence`` counted real time: under load the supervisor killed `evaluate`, with CUT THE POWER."""
+    words = (f"policy={policy}", f"out={tmp_path}", "duration=0.6", "hw.virtual.time=stepped", "live=false")
+    assert run_script(deploy.main, "deploy", "", [*words, "name=quick"]) == 0
+    passed = [0.0]
+
+    def stalled() -> float:
+        passed[0] += 5.0  # whoever asks the host for the time is told that seconds have passed
+        return passed[0]
+
+    for module in ("clock", "port", "supervisor", "loop"):
+        clock = SimpleNamespace(monotonic=stalled, sleep=lambda _: None, process_time=lambda: 0.0)
+        monkeypatch.setattr(f"sealegs.hw.{module}.time", clock)
+    monkeypatch.setattr(deployment, "Supervisor", lambda _: pytest.fail("a supervisor counts real time"))
+    assert run_script(deploy.main, "deploy", "", [*words, "name=slow"]) == 0
+    quick, slow = (read_measured(tmp_path / f"{name}.csv").runs[0] for name in ("quick", "slow"))
+    assert np.array_equal(quick.time, slow.time)
+    assert np.array_equal(quick.joints["joint"].position, slow.joints["joint"].position)
+
+
+def test_a_virtual_machine_that_becomes_unstable_in_stepped_time_is_named_and_no_power_is_to_be_cut(
+    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sealegs.hw.virtual.machine._unstable", lambda data: data.time > 1.0)
+    words = (f"policy={policy}", f"out={tmp_path}", "name=run", "hw.virtual.time=stepped", "live=false")
+    assert run_script(deploy.main, "deploy", "", [*words, "duration=2"]) == 2
+    said = capsys.readouterr().err
+    assert "became unstable at 1.0" in said and "released" in said and "CUT THE POWER" not in said
 
 
 @pytest.mark.long

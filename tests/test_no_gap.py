@@ -1,41 +1,65 @@
-"""Where nothing is hidden, ``evaluate`` says that there is no gap: of every robot with its committed policy."""
+"""``evaluate`` tells a gap where something is hidden, of every robot with its committed policy, and nowhere else."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
-from sealegs.hw import comparison
-from sealegs.hw.commands import PolicyCommands
-from sealegs.hw.comparison import compare, verdict
-from sealegs.hw.deployment import Deployment
+from sealegs.hw.comparison import NOMINAL_MACHINE, hides_nothing
+from sealegs.hw.comparison_page import headline
 
-from tests.committed_policies import committed
-from tests.servo_runs import config
-from tests.simulated_runs import Simulation
+from benchmarks.many_starts import FILE, gap, hidden_gap, well
+from tests.committed_policies import POLICIES, committed
+
+KINDS = sorted(path.parent.name for path in POLICIES.glob("*/seed0"))
+
+
+def test_a_machine_that_hides_nothing_has_no_gap_and_one_with_a_delay_has_one() -> None:
+    """Stepped logs said that nothing takes time: 'a gap: 4.06 mrad, 2.68 accounted for'."""
+    plain, late = gap(committed("hopper"), 1, seconds=2.0), hidden_gap(committed("hopper"), 1, "hopper", 2.0)
+    assert plain["ending"] == "finished" and plain["gap"] is None, plain
+    assert plain["accounted"] == pytest.approx(plain["same_goals"], rel=0.4)
+    assert late["gap"] is not None, late
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("robot", "seconds"), [("hopper", 4.0), ("biped", 3.0), ("hexapod", 2.0)])
-def test_a_machine_that_hides_nothing_has_no_gap(
-    robot: str, seconds: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def simulated(prepared: Deployment, say: Callable[[str], None]) -> tuple[str, Path]:
-        """The machine in this process, on the clock of its own line: other programs do not delay it."""
-        del say
-        commands = prepared.commands
-        assert isinstance(commands, PolicyCommands)
-        run = Simulation(robot, commands=lambda _: commands, rate=prepared.rate, folder=tmp_path, pose=commands.pose)
-        outcome = run.run(prepared.duration)
-        assert run.log is not None
-        return outcome.ending if outcome.fault is None else outcome.fault.sentence, run.log.path
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_gap_from_any_start_of_any_robot_and_what_is_hidden_is_told(kind: str) -> None:
+    for start in (3, 11):
+        row = gap(committed(kind), start, seconds=3.0)
+        assert row["gap"] is None, row
+    assert hidden_gap(committed(kind), 3, kind, 3.0)["gap"] is not None
 
-    monkeypatch.setattr(comparison, "on_machine", simulated)
-    settings = config(f"robot={robot}", patient=False)
-    settings |= {"policy": str(committed(robot).path), "nominal": None, "extended": None, "seconds": seconds, "seed": 0}
-    found = compare(settings, tmp_path, lambda _: None)
-    assert found.ending == "finished"
-    nominal = found.figures["nominal"]
-    assert nominal.gap is None, (nominal.gap, nominal.gap_at)
-    assert verdict(nominal).startswith("no gap") and nominal.departs is None
+
+def test_the_committed_figures_have_no_gap_where_nothing_is_hidden() -> None:
+    results = json.loads(Path(FILE).read_text(encoding="utf-8"))
+    for kind, policies in results.items():
+        for name, rows in policies.items():
+            assert all(well(kind, row) for row in rows), (kind, name)
+
+
+@pytest.mark.parametrize(
+    ("virtual", "nominal"),
+    [
+        ({}, True),
+        ({"time": "stepped"}, True),
+        ({"hidden": "a.yaml"}, False),
+        ({"params": {"mass": 1.0}}, False),
+        (None, False),
+    ],
+)
+def test_a_virtual_machine_that_is_the_nominal_one_is_known_as_such(virtual: Any, nominal: bool) -> None:
+    assert hides_nothing(virtual) == nominal
+
+
+def test_the_sentence_on_the_nominal_machine_names_the_key_that_gives_another() -> None:
+    assert "hw.virtual.hidden=<file>" in NOMINAL_MACHINE
+    figures = SimpleNamespace(
+        same_goals=0.01, same_goals_of_slides=float("nan"), accounted=0.01, accounted_of_slides=float("nan"),
+        gap=None, gap_at=None, departs=None, departs_at=None,
+    )  # fmt: skip
+    comparison: Any = SimpleNamespace(figures={"nominal": figures, "extended": figures}, note=NOMINAL_MACHINE)
+    assert headline(comparison).endswith(NOMINAL_MACHINE)

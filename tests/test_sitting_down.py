@@ -13,8 +13,12 @@ from sealegs.hw.deployment import prepare
 from sealegs.hw.live import picture
 from sealegs.hw.measured_log import read_events
 
+from benchmarks import many_starts
+from tests.committed_policies import POLICIES, committed
 from tests.servo_runs import config
 from tests.simulated_runs import Simulation, sine
+
+KINDS = sorted(path.parent.name for path in POLICIES.glob("*/seed0"))
 
 
 def sitting(motion: bool = True, **keys: Any) -> Simulation:
@@ -83,6 +87,52 @@ def test_the_way_down_is_logged_and_shown(tmp_path: Path, monkeypatch: pytest.Mo
     joint = run.joints["joint"]
     assert rows.sum() > 80 and joint.goal is not None and joint.goal[-1] == pytest.approx(-0.7, abs=1e-3)
     assert joint.position[-1] == pytest.approx(-0.7, abs=0.05) and "STALE" not in titles[-1]
+
+
+def test_the_way_down_begins_near_the_robot_and_not_at_a_goal_that_a_policy_sent_far_ahead() -> None:
+    """A leg that pushed off had its goal 0.7 rad ahead: 'blocked or blind', in 6 of 8 normal ends of the hopper."""
+    simulation = Simulation("hopper")
+    place, safety = np.array([-0.7, 0.5]), simulation.loop.safety
+    for goal in (np.array([-0.0, 1.2]), place + 0.01):
+        begin = safety.goals_from(goal, place)
+        assert (np.abs(begin - place) <= 0.1 + 1e-9).all() and (np.sign(begin - place) == np.sign(goal - place)).all()
+    assert begin == pytest.approx(place + 0.01), "who is still is not let sag"
+
+
+@pytest.mark.parametrize("start", [0, 5])
+def test_a_hopper_ends_well_wherever_its_policy_leaves_it(start: int) -> None:
+    row = many_starts.end(committed("hopper"), start)
+    assert many_starts.well("ends", row), row
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "starts"), [("hopper", 25), *((kind, 3) for kind in KINDS if kind != "hopper")])
+def test_every_robot_ends_well_wherever_its_policy_leaves_it(kind: str, starts: int) -> None:
+    for start in range(100, 100 + starts):
+        row = many_starts.end(committed(kind), start)
+        assert many_starts.well("ends", row), row
+
+
+def test_a_joint_that_does_not_get_to_its_park_pose_is_released_at_once_and_that_is_no_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = sitting(folder=tmp_path)
+    beat = simulation.guard.beat
+
+    def noted() -> bool:
+        if simulation.loop.state == "sitting down":
+            simulation.rig.held = "order"  # as the ground holds a leg
+        return beat()
+
+    monkeypatch.setattr(simulation.guard, "beat", noted)
+    outcome = simulation.run(0.5)
+    assert (outcome.ending, outcome.fault, simulation.torque) == ("finished", None, [False])
+    assert outcome.note.startswith("The robot was released before it sat: joint joint (servo 1)")
+    (begun,), (ended,) = (
+        [e["time"] for e in read_events(tmp_path / "run.csv") if e["event"] == kind]
+        for kind in ("sitting down", "not seated")
+    )
+    assert ended - begun < 1.0, "and not pressed for the whole way"
 
 
 @pytest.mark.long

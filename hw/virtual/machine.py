@@ -100,6 +100,7 @@ class Machine:
         self._sensors = [self._sensed(name, per_radian) for name, per_radian in (sensors or {}).items()]
         self.encoders = [*self.names, *(sensors or {})]
         self._drives = [Drive()] * count
+        self._broken = False
         supplies = [self._base[name].find("supply") for name in self.names]
         self._supplies = [(item.volts, item.resistance) if item else (NOMINAL_VOLTAGE, 0.0) for item in supplies]
         self._actuators = [self.drivetrain.actuator_ids[name] for name in self.names]
@@ -160,8 +161,11 @@ class Machine:
         """Simulate up to ``time`` [s]; the last step is as short as it must be.
 
         Raises:
-            SealegsError: the simulation became unstable.
+            SealegsError: the simulation became unstable; from then on the machine stands still.
         """
+        if self._broken:
+            self.data.time = time
+            return
         whole = int((time - self.data.time) / self._step + 1e-9)
         if whole > 0:
             mujoco.mj_step(self.model, self.data, whole)
@@ -171,8 +175,9 @@ class Machine:
             mujoco.mj_step(self.model, self.data)
             self.model.opt.timestep = self._step
         if _unstable(self.data):
+            self._broken, self.data.time = True, time
             raise SealegsError(
-                f"the virtual machine became unstable at {self.data.time:.3f} s; its chains, or what it hides, do not "
+                f"the virtual machine became unstable at {time:.3f} s; its chains, or what it hides, do not "
                 "fit the robot."
             )
 
