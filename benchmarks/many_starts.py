@@ -35,6 +35,7 @@ from sealegs.hw.policy import Policy
 from sealegs.hw.robot import build_robot
 from sealegs.hw.safety import Limits, Safety
 from sealegs.hw.virtual.in_process import bus_in_process
+from sealegs.hw.virtual.simulated_port import SimulatedPort
 
 from benchmarks.policies_on_the_bus import POLICIES
 from benchmarks.speed import RESULTS
@@ -80,6 +81,7 @@ def end(policy: Policy, start: int) -> dict[str, Any]:
 
 def held(bus: ServoBus, ids: list[int], safety: Safety) -> str:
     """What is wrong with servos that are held, in a sentence; "": nothing."""
+    assert isinstance(bus.line.port, SimulatedPort)
     port, limits = bus.line.port.reopened(), safety.limits
     with ServoBus("simulated", model=bus.model.name, opened=port) as again:
         end = port.now() + HELD
