@@ -20,7 +20,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm sensitivity docs format clean
+.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm sensitivity docs format fuzz clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -67,6 +67,9 @@ hidden-arm: $(INSTALLED) ## the finder against hidden arms, joint by joint, hour
 
 sensitivity: $(INSTALLED) ## what each threshold of the search does when halved or doubled, from recorded searches
 	$(PY) -m benchmarks.sensitivity
+
+fuzz: $(INSTALLED) ## hostile documents, N of each kind from SEED: make fuzz N=10000 SEED=7
+	SEALEGS_FUZZ=$(or $(N),2000) SEALEGS_FUZZ_SEED=$(or $(SEED),1) $(PYTEST) -m "not long" tests/test_fuzz_documents.py
 
 docs: $(INSTALLED) $(LINKS) ## the documentation as a site in build/site, readable offline
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -298,7 +299,7 @@ def load_chain_set(source: Any) -> dict[str, Chain] | None:
     if not isinstance(source, str | Path):
         return None
     path = Path(source) if Path(source).suffix in (".yaml", ".yml") else LIBRARY / f"{source}.yaml"
-    if not path.is_file() or not isinstance(document := _read(path), Mapping):
+    if not os.path.isfile(path) or not isinstance(document := _read(path), Mapping):
         return None
     return {str(pattern): _build(stages, str(path), path) for pattern, stages in document.items()}
 
@@ -321,10 +322,10 @@ def load_chain(source: str | Path | Sequence[Any] | Chain) -> Chain:
         return _build(bam_stages(fit), str(fit), fit)
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
-        if path.is_file():
+        if os.path.isfile(path):
             raise ChainError(f"the actuator {path} is no YAML file; give it the ending .yaml.")
         path = LIBRARY / f"{source}.yaml"
-        if not path.is_file():
+        if not os.path.isfile(path):
             known = listed()
             raise ChainError(
                 f"there is no actuator '{source}'{nearest(str(source), known)}; "
@@ -363,6 +364,6 @@ def _build(document: Any, label: str, path: Path | None) -> Chain:
 
 def _net_path(file: str, chain: Path | None) -> str:
     for base in ([chain.parent] if chain is not None else []) + [Path.cwd(), CHECKOUT]:
-        if (candidate := base / file).is_file():
+        if os.path.isfile(candidate := base / file):
             return str(candidate)
     return file

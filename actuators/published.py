@@ -185,11 +185,13 @@ def bam_stages(path: Path) -> list[dict[str, Any]]:
     Raises:
         ChainError: the file is not there or no such fit, or of an actuator whose drive is not known.
     """
+    if path.suffix.lower() != ".json":
+        raise ChainError(f"{path} is no fit of BAM: the name of one ends in .json.")
     try:
         fit = read_json(path, name=f"the fit {path}")
     except DocumentError as error:
         raise ChainError(f"{error}; a fit of BAM is JSON, with 'model' and 'actuator'.") from None
-    if not isinstance(fit, Mapping) or fit.get("model") not in MODELS:
+    if not isinstance(fit, Mapping) or str(fit.get("model")) not in MODELS:
         raise ChainError(f"{path} is no fit of BAM: its 'model' must be one of {', '.join(MODELS)}.")
     name = str(fit.get("actuator"))
     if name not in DRIVES:
@@ -218,7 +220,7 @@ def drive_of(source: str) -> Drive | None:
     Args:
         source: ``bam:<path>``, or a word such as ``sts3215`` or ``sts3215_m6``.
     """
-    if path := bam_file(source):
+    if (path := bam_file(source)) and path.suffix.lower() == ".json":
         try:
             return DRIVES.get(str(read_json(path).get("actuator")))
         except (DocumentError, AttributeError):  # reading the chain says it

@@ -149,13 +149,14 @@ def _parse(key: str, value: str) -> Any:
             return parse_json(value)
     try:
         parsed: Override = OverridesParser.create().parse_override(f"{key}={value}")
-        if parsed.is_sweep_override():
-            raise SealegsError(f"{key}={value} is a sweep: give one value; a list is written [a,b].")
-        return parsed.value()
-    except HydraException as error:
+        found, sweep = parsed.value(), parsed.is_sweep_override()
+    except (HydraException, ValueError, RecursionError) as error:  # such as of a number of 5000 digits
         raise SealegsError(
             f"{key}={value} cannot be read: put a value with spaces or special characters in quotes, {key}='\"...\"'."
         ) from error
+    if sweep:
+        raise SealegsError(f"{key}={value} is a sweep: give one value; a list is written [a,b].")
+    return found
 
 
 def _dotted(config: Any, prefix: str = "") -> Iterable[str]:

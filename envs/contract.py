@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +16,7 @@ from gymnasium.envs.registration import load_env_creator
 from ..actuators import Chain, load_chain
 from ..actuators.errors import SealegsError
 from ..common.documents import parse_json
+from ..configs.check import Count, Natural, NotNegative, Positive, checked
 from . import known_id
 from .arguments import TaskShell, task_arguments
 from .base import BaseLayout
@@ -70,15 +71,15 @@ class Contract:
     goal_low: tuple[float, ...]
     goal_high: tuple[float, ...]
     actions: tuple[str, ...]
-    control_rate: float
-    goals_per_action: int
-    delay: float
+    control_rate: Positive
+    goals_per_action: Count
+    delay: NotNegative
     observation_names: tuple[str, ...]
     sensors: tuple[str, ...]
-    history: int
-    commands: int
+    history: Count
+    commands: Natural
     state: tuple[float, ...]
-    chains: dict[str, list]
+    chains: dict[str, list[dict[str, Any]]]
     chain_hash: str
 
     @property
@@ -128,13 +129,26 @@ class Contract:
                     f"{where}: its contract has version {document['version']}, and this program reads version "
                     f"{VERSION}; export the policy again."
                 )
-            values: dict[str, Any] = {field.name: document[field.name] for field in fields(cls)}
+            types = get_type_hints(cls, include_extras=True)
+            values = {item.name: checked(item.name, document[item.name], types[item.name]) for item in fields(cls)}
+            contract = cls(**values)
+            contract._check_sizes()
         except (ValueError, LookupError, TypeError) as error:
             if isinstance(error, ContractError):
                 raise
             raise ContractError(f"{where}: its contract cannot be read ({error}); export the policy again.") from None
-        lists: dict[str, Any] = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        return cls(**{**values, **lists})
+        return contract
+
+    def _check_sizes(self) -> None:
+        for name in ("units", "start", "goal_low", "goal_high"):
+            if len(getattr(self, name)) != len(self.joints):
+                raise ValueError(f"{name} has {len(getattr(self, name))} entries for {len(self.joints)} joints")
+        if not isinstance(self.env.get("id"), str):
+            raise ValueError("env has no id")
+        for key, value in checked("env.params", self.env.get("params") or {}, dict[str, float]).items():
+            checked(f"env.params.{key}", value, float)
+        for joint, stages in self.chains.items():
+            checked(f"chains.{joint}", stages, list[dict[str, Any]])
 
 
 def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:

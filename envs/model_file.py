@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,7 +152,7 @@ def read_model(path: str | Path) -> ModelFile:
         )
     if path.suffix.lower() not in SUFFIXES:
         raise RobotError(f"{path} is no model of a robot; give a file that ends in {', '.join(SUFFIXES)}.")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise RobotError(f"there is no model {path}; give the path of an MJCF or URDF file.")
     return _surveyed(path, path.stat().st_mtime_ns)
 
@@ -166,7 +167,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
     try:
         model = spec.compile()
         drives, undriveable = read_drives(full, [model.joint(k).name for k in _single(model)])
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # a RuntimeError where memory ends
         raise RobotError(uncompiled(path, error)) from None
     masses, ways = _masses(model), free_ways(model)
     joints = {joint.name: joint for joint in _joints(model, _inertias(model, masses, ways)) if joint.name}

@@ -5,6 +5,7 @@ Such a mesh changes no motion where the body's inertia is written down.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -65,7 +66,7 @@ def _places(spec: mujoco.MjSpec, path: Path) -> dict[str, Path | None]:
         inside = folder / mesh.file
         tried = [home / inside, home / folder / Path(mesh.file).name]
         tried += [place for place in named if place.parts[-len(inside.parts) :] == inside.parts]
-        found[_name(mesh)] = next((place for place in tried if mesh.file and place.is_file()), None)
+        found[_name(mesh)] = next((place for place in tried if mesh.file and os.path.isfile(place)), None)
     return found
 
 

@@ -28,7 +28,7 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
             full.modelfiledir = str(path.parent)
         else:
             full = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # a RuntimeError where memory ends
         raise RobotError(unreadable(path, error)) from None
     full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
     without_meshes_that_fail(full, path, missing, said)

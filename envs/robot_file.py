@@ -10,6 +10,7 @@ A bare model file is a robot too: what it leaves open is assumed, and :attr:`Rob
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def load_robot_file(path: str | Path) -> RobotFile:
     if path.suffix.lower() in SUFFIXES:
         beside = path.with_suffix(".yaml")
         said = [f"{path.name} is taken as it is; `sealegs new-robot {path.name}` writes what is assumed into a file."]
-        if beside.is_file():
+        if os.path.isfile(beside):
             said = [f"{beside} lies beside {path.name} and is not read: give it as the robot to use it."]
         return assembled(path, FileEntry(path.name), said)
     if path.suffix.lower() not in YAML_SUFFIXES:

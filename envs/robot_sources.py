@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -30,19 +31,12 @@ def files_read(words: Iterable[str]) -> tuple[Path, ...]:
 
 def _collect(path: Path, found: dict[Path, None]) -> None:
     path = path.resolve()
-    if path in found or not _is_file(path):
+    if path in found or not os.path.isfile(path):  # a sentence is no path
         return
     found[path] = None
     kind = path.suffix.lower()
     for other in _of_yaml(path) if kind in YAML_SUFFIXES else _of_model(path) if kind in SUFFIXES else ():
         _collect(other, found)
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a sentence is no path
-        return False
 
 
 def _named(document: Any, folder: Path) -> Iterator[Path]:

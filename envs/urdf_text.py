@@ -6,6 +6,7 @@ floating joint on a root link of another name, and paths of meshes.
 
 from __future__ import annotations
 
+import os
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -75,7 +76,7 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
     folder = mesh_folder(root)
     for mesh in root.iter("mesh"):
         file = urdf_mesh(path, mesh.get("filename", ""), folder)
-        if not file.is_file():
+        if not os.path.isfile(file):
             missing.append(file.name)
         mesh.set("filename", str(file))
     for key in FOLDERS:  # paths are whole now
@@ -118,10 +119,10 @@ def urdf_mesh(path: Path, name: str, folder: str = "") -> Path:
     name = name.removeprefix("file://")
     if folder:
         beside = (path.parent / folder / one for one in (Path(name).name, name))  # MuJoCo strips paths unless told
-        if (found := next((place for place in beside if place.is_file()), None)) is not None:
+        if (found := next((place for place in beside if os.path.isfile(place)), None)) is not None:
             return found
     if name.startswith("package://"):
         inner = Path(name.removeprefix("package://"))
         tried = [place / part for place in path.parents for part in (inner, Path(*inner.parts[1:]))]
-        name = str(next((place for place in tried if place.is_file()), inner))
+        name = str(next((place for place in tried if os.path.isfile(place)), inner))
     return path.parent / name

@@ -27,6 +27,8 @@ from sealegs.common.documents import (
 )
 from sealegs.envs.model_file import read_model
 from sealegs.envs.robot import RobotError
+from sealegs.gap.log.importers.formats import read_recordings
+from sealegs.gap.log.types import LogError
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ("actuators", "agents", "common", "configs", "envs", "gap", "hw", "library")
@@ -34,6 +36,7 @@ ALLOWED = {
     "common/documents.py": "the reader itself",
     "gap/output/mjcf.py": "what MuJoCo wrote",
     "gap/output/robot_mjcf.py": "what MuJoCo wrote",
+    "hw/supervision.py": "what the loop says through its own pipe",
 }
 """Files that may call a parser, and of what."""
 PARSERS = {
@@ -123,8 +126,15 @@ def test_arrays_that_unpack_to_more_than_is_read_are_refused(tmp_path: Path) -> 
         ('<mujoco><include file="part.xml"/></mujoco>', "part.xml includes itself"),
         ('<mujoco><asset><mesh name="a" file="/dev/zero"/></asset></mujoco>', "/dev/zero is a device"),
         ('<mujoco><asset><texture type="2d" name="a" file="pipe"/></asset></mujoco>', "pipe is a device or a pipe"),
-        ('<mujoco><include file="secret"/></mujoco>', "secret is not valid XML in line 1: syntax error"),
+        ('<mujoco><include file="secret"/></mujoco>', "secret is no part of a model; its name must end in .xml"),
         ("<mujoco>" * 300, "nested more than"),
+        (
+            '<mujoco><worldbody><replicate count="1000000"><geom/></replicate></worldbody></mujoco>',
+            "more than 50000 el",
+        ),
+        ('<mujoco><worldbody><flexcomp count="900 900 900"/></worldbody></mujoco>', "more than 50000 elements"),
+        ('<mujoco><asset><hfield nrow="90000" ncol="90000"/></asset></mujoco>', "a <hfield> of more than"),
+        ('<mujoco><size nkey="2000000000"/></mujoco>', "a <size> of more than 10000"),
     ],
 )
 def test_mujoco_opens_no_file_that_was_not_looked_at(model: str, said: str, tmp_path: Path) -> None:
@@ -135,6 +145,27 @@ def test_mujoco_opens_no_file_that_was_not_looked_at(model: str, said: str, tmp_
     with pytest.raises(RobotError, match=said) as refusal:
         read_model(tmp_path / "arm.xml")
     assert "password" not in str(refusal.value)
+
+
+def test_models_that_attach_models_many_times_are_counted_as_written_out(tmp_path: Path) -> None:
+    """A few short files, each of which attaches the next ten times, would stand for a hundred million bodies."""
+    attach = "".join(f'<attach model="m" body="b" prefix="{k}"/>' for k in range(10))
+    for k in range(8):
+        inner = (
+            f'<asset><model name="m" file="{k + 1}.xml"/></asset><worldbody><body name="b">{attach}</body></worldbody>'
+        )
+        (tmp_path / f"{k}.xml").write_text(f"<mujoco>{inner}</mujoco>")
+    (tmp_path / "8.xml").write_text('<mujoco><worldbody><body name="b"><geom size="1"/></body></worldbody></mujoco>')
+    with pytest.raises(RobotError, match="stands for more than 50000 elements"):
+        read_model(tmp_path / "0.xml")
+
+
+@pytest.mark.parametrize("word", ["1" * 50_000 + "x", "a" * 50_000 + "!"], ids=["digits", "letters"])
+def test_a_long_word_of_a_table_takes_no_time(word: str, tmp_path: Path) -> None:
+    """The time of a pattern grew with the square of a word: 50,000 digits took two minutes."""
+    (tmp_path / "log.csv").write_text(f"time,{word}\n" + f"1,{word}\n2,{word}\n" * 10)
+    with pytest.raises(LogError):
+        read_recordings(tmp_path / "log.csv")
 
 
 def test_no_other_file_of_the_package_calls_a_parser() -> None:

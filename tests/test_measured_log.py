@@ -152,7 +152,7 @@ def test_a_wrong_table_is_refused_with_one_sentence(tmp_path: Path, case: str) -
 BAD_SIDECARS = {
     "missing": (None, "sidecar log.yaml is missing"),
     "unknown key": (SIDECAR | {"actuator": {}}, "did you mean 'actuators'"),
-    "bad YAML": ("robot: bench\n  mass: [1,", "not valid YAML at line 2"),
+    "bad YAML": ("robot: bench\n  mass: [1,", "not valid YAML in line 2"),
     "no mapping": ("just text", "must be a mapping"),
     "no robot": ({"actuators": {"servo": "sts3215"}}, "robot"),
     "unit in a number": (SIDECAR | {"robot_params": {"mass": "0.5 kg"}}, "robot_params.mass must be a finite number"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -128,7 +129,7 @@ class Net(Stage):
     def arrays(self) -> dict[str, np.ndarray]:
         """The net's file as arrays."""
         path = Path(self.file)
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise ChainError(f"there is no actuator net at {path}; train one with train_net.py or correct 'file'.")
         return read_net(path, path.stat().st_mtime)
 

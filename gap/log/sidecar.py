@@ -42,9 +42,9 @@ def read_sidecar(log: Path) -> Sidecar:
     Raises:
         LogError: no sidecar, bad YAML, an unknown key or a value of the wrong kind.
     """
-    own = next((path for path in (log.with_suffix(".yaml"), log.with_suffix(".yml")) if path.is_file()), None)
+    own = next((path for path in (log.with_suffix(".yaml"), log.with_suffix(".yml")) if os.path.isfile(path)), None)
     folder = log.parent / FOLDER_DEFAULTS
-    sources = [path for path in dict.fromkeys((folder, own)) if path is not None and path.is_file()]
+    sources = [path for path in dict.fromkeys((folder, own)) if path is not None and os.path.isfile(path)]
     if not sources:
         raise LogError(
             f"{log}: its sidecar {log.with_suffix('.yaml').name} is missing; write one with robot, robot_params "
@@ -67,7 +67,7 @@ def folder_defaults(folder: Path) -> dict[str, Any] | None:
         LogError: it cannot be read, or is no mapping.
     """
     path = folder / FOLDER_DEFAULTS
-    return _load_mapping(path) if path.is_file() else None
+    return _load_mapping(path) if os.path.isfile(path) else None
 
 
 def files_named(sidecar: Sidecar) -> tuple[Path, ...]:
@@ -80,7 +80,7 @@ def robot_beside(robot: str, folder: Path) -> str:
     path = Path(robot)
     if not is_robot_file(path) or path.is_absolute():
         return robot
-    return str((folder / path).resolve() if (folder / path).is_file() else path)
+    return str((folder / path).resolve() if os.path.isfile(folder / path) else path)
 
 
 def named_beside(sidecar: Sidecar, folder: Path) -> Sidecar:
@@ -115,7 +115,7 @@ def _chain_beside(chain: str | list, folder: Path) -> str | list:
     prefix = PREFIX if chain.startswith(PREFIX) else ""
     path = folder / chain.removeprefix(prefix)
     file = bool(prefix) or path.suffix in (".yaml", ".yml")
-    return f"{prefix}{path.resolve()}" if file and path.is_file() else chain
+    return f"{prefix}{path.resolve()}" if file and os.path.isfile(path) else chain
 
 
 def sidecar_text(sidecar: Sidecar) -> str:

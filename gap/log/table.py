@@ -85,7 +85,10 @@ def _csv_header(path: Path) -> list[str]:
             line = file.readline(1 << 20)
     except UnicodeDecodeError:
         raise LogError(f"{path}: is not a CSV text file; export the log as CSV or Parquet") from None
-    names = next(csv.reader([line]), []) if line.strip() and "\0" not in line else []
+    try:
+        names = next(csv.reader([line]), []) if line.strip() and "\0" not in line else []
+    except csv.Error as error:
+        raise LogError(f"{path}: its header cannot be read ({error}); export the log as CSV or Parquet") from None
     if not names:
         raise LogError(f"{path}: has no header line; its first line must name the columns, starting with time")
     if ";" in line or "\t" in line:  # also beside commas, as where a locale exported some of them

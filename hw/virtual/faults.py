@@ -117,7 +117,7 @@ def fault_from(row: Any, now: float = 0.0) -> Fault:
     values["at"] = float(values.get("at", 0.0)) + now
     try:
         return Fault(**values)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         if isinstance(error, FaultError):
             raise
         raise FaultError(f"the fault '{row['kind']}' cannot be read: {error}.") from None

@@ -172,7 +172,7 @@ def _read(source: Path, out: Path, mapping: Mapping) -> tuple[list[Recording], l
     found, without = read_source(source)
     alike, _ = _alike(found)
     robot = Path(os.path.normpath(out / str(mapping.sidecar.get("robot"))))  # the folder need not exist yet
-    whole = joined(alike, joints_in_file(str(robot), out) if robot.is_file() else (), source)
+    whole = joined(alike, joints_in_file(str(robot), out) if os.path.isfile(robot) else (), source)
     return (found if whole is alike else [*whole, *(one for one in found if one not in alike)]), without
 
 

@@ -154,7 +154,10 @@ def evaluate(text: str, values: Mapping[str, Any], where: str) -> Any:
 
 def column(text: str, values: Mapping[str, Any], where: str, length: int) -> Array:
     """An expression as a column (n,), a constant one where it takes no column."""
-    value = np.asarray(evaluate(text, values, where), np.float64)
+    found = evaluate(text, values, where)
+    if isinstance(found, str):
+        raise LogError(f"{where}: '{text}' is the word '{found}', and a column takes numbers.")
+    value = np.asarray(found, np.float64)
     if value.ndim > 1 or (value.ndim == 1 and len(value) != length):
         raise LogError(f"{where}: '{text}' does not have one number for each of the {length} samples.")
     return np.array(np.broadcast_to(value, (length,)))
@@ -231,7 +234,10 @@ class _Reader:
             self.used.append(word)
             return 1.0
         if word in self.values:
-            return self.values[word]
+            value = self.values[word]
+            if isinstance(value, str) and len(self.tokens) > 1:
+                raise LogError(f"'{self.text}' reckons with '{word}', which is the word '{value}' and no number.")
+            return value
         if word in CONSTANTS:
             return CONSTANTS[word]
         raise LogError(f"'{self.text}' takes '{word}', which is no column and no number{nearest(word, self.values)}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping as AnyMapping
 from collections.abc import Sequence
@@ -67,7 +68,11 @@ def read_mapping(path: str | Path) -> Mapping:
         LogError: there is none, or it is not what a mapping is.
     """
     shipped = FOLDER / f"{path}.yaml"
-    file = shipped if Path(path).suffix == "" and not Path(path).is_file() and shipped.is_file() else Path(path)
+    file = (
+        shipped
+        if Path(path).suffix == "" and not os.path.isfile(Path(path)) and os.path.isfile(shipped)
+        else Path(path)
+    )
     try:
         content = read_yaml(file)
     except DocumentError as error:

@@ -50,7 +50,7 @@ def ranges_of(robot: str | None, out: Path) -> dict[str, tuple[float, float, str
 def _file(robot: str | None, out: Path) -> Path | None:
     if robot is None or not is_robot_file(robot):
         return None
-    return next((path for path in (Path(robot), out / robot) if path.is_file()), None)
+    return next((path for path in (Path(robot), out / robot) if os.path.isfile(path)), None)
 
 
 def check_shares(proposal: Proposal, robot: str | None, out: Path) -> None:

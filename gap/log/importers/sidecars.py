@@ -138,7 +138,7 @@ def said_before(folder: Path) -> dict[str, Any] | None:
     """
     said = folder_defaults(folder)
     tables = folder.iterdir() if said is None and folder.is_dir() else ()
-    return {} if any(path.suffix in ENDINGS and path.with_suffix(".yaml").is_file() for path in tables) else said
+    return {} if any(path.suffix in ENDINGS and os.path.isfile(path.with_suffix(".yaml")) for path in tables) else said
 
 
 def beyond(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def _without_load(runs: Sequence[MeasuredRun]) -> bool:
 def beside(name: str | None, out: Path) -> str | None:
     """A file of a robot, a chain or a published fit as its path from the folder of the logs; a name as it is."""
     prefix = PREFIX if name and name.startswith(PREFIX) else ""
-    if name and (path := Path(name.removeprefix(prefix))).is_file():
+    if name and os.path.isfile(path := Path(name.removeprefix(prefix))):
         return prefix + os.path.relpath(path.resolve(), out.resolve())
     return name
 
@@ -257,7 +257,7 @@ def checked_robot(robot: str | None, out: Path) -> str | None:
         return None
     if not is_robot_file(robot):
         return get_robot(robot).name
-    if not (Path(robot).is_file() or (out / robot).is_file()):
+    if not (os.path.isfile(Path(robot)) or os.path.isfile(out / robot)):
         raise LogError(f"robot={robot}: there is no such file; give the path of your robot's .yaml, .xml or .urdf.")
     return robot
 
@@ -287,7 +287,7 @@ def _file_of(robot: str | None, out: Path) -> RobotFile | None:
     """The robot of a file, from here or from the folder of the logs; None where the word is of no file."""
     if robot is None or not is_robot_file(robot):
         return None
-    return load_robot_file(Path(robot) if Path(robot).is_file() else out / robot)
+    return load_robot_file(Path(robot) if os.path.isfile(Path(robot)) else out / robot)
 
 
 def _names_in(robot: RobotFile) -> frozenset[str]:
@@ -344,7 +344,7 @@ def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
     """
     for run in runs:
         path = Path(os.path.normpath(out / run.robot))  # the folder need not exist yet
-        if not (is_robot_file(run.robot) and path.is_file()):
+        if not (is_robot_file(run.robot) and os.path.isfile(path)):
             continue
         robot = load_robot_file(path)
         known = _names_in(robot)

@@ -48,6 +48,8 @@ STRAY = 0.02
 """Share of the samples that may lie far outside as what a recorder writes for a lost one."""
 FAR = 2.2 * math.pi
 """An angle in rad without a turn to spare stays below this."""
+MOST_COUNTS = 2.0**53
+"""Beyond it a float counts no whole numbers."""
 MOST_WAY = 10.0  # [m]
 """What a slide may travel before a name that ends in m is doubted."""
 
@@ -94,7 +96,8 @@ def read_position(name: str, values: Array, said: str, how: str, slide: bool = F
         return Read(column + way.behind, said, SURE, f"{how} says {said}: a slide; {span}")
     found = encoder(values)
     whole = whole_numbers(values)
-    if said == "tick" or (said in ("", "?") and whole and high - low > 400):
+    counts = high - min(low, 0.0) < MOST_COUNTS
+    if counts and (said == "tick" or (said in ("", "?") and whole and high - low > 400)):
         turn = 4096 if high < 4200 else 2 ** math.ceil(math.log2(max(high - min(low, 0.0), 2.0)))
         middle = turn // 2 if low >= 0 else 0
         centred = f"({column} - {middle})" if middle else column

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from .....common.documents import DocumentError, regular
 from ...sidecar import FOLDER_DEFAULTS
 from ...types import LogError
 from ..recording import NoRecording, Recording
 from . import hdf5, ros, tables
+from .cells import LONGEST_CELL
 from .json_rows import LINES, is_recording, read_json
 from .lerobot import is_lerobot, read_lerobot
 from .matlab import read_array, read_matlab, read_numpy
@@ -17,6 +19,8 @@ from .tables import read_table
 
 DEEPEST = 4
 """Folders below one in which recordings are looked for."""
+MOST = 2**36
+"""Size of a recording that is read [B]: what reads it takes it in parts, or has a bound of its own."""
 PICKLED = (".pkl", ".pickle", ".pt", ".pth")
 KNOWN = (*tables.ENDINGS, ".json", *LINES, ".mat", ".npz", *hdf5.ENDINGS, *ros.ENDINGS)
 
@@ -94,6 +98,19 @@ def _in_folder(folder: Path, empty: dict[Path, NoRecording], depth: int = 0) -> 
 
 
 def _read_one(path: Path) -> list[Recording]:
+    if not path.is_dir():
+        try:
+            regular(path, MOST)
+        except DocumentError as error:
+            raise LogError(f"{path}: {error.problem}.") from None
+    recordings = _read(path)
+    for name in (name for recording in recordings for name in recording.columns):
+        if len(name) > LONGEST_CELL:
+            raise LogError(f"{path}: column '{name[:40]}...' has a name of {len(name)} letters; give it a shorter one.")
+    return recordings
+
+
+def _read(path: Path) -> list[Recording]:
     if path.is_dir() and is_lerobot(path):
         return read_lerobot(path)
     return ros.read_bag(path) if ros.is_bag(path) else _reader(path)(path)

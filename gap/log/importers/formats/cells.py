@@ -22,6 +22,8 @@ DAY = 86400.0  # [s]
 STRAY = 0.02
 """Share of cells that may be no number in a column of numbers."""
 MISSING = frozenset(["", "-", "--", "---", "nan", "null", "none", "n/a", "na", "inf", "-inf", "#n/a", "ovf"])
+LONGEST_CELL = 300
+"""Letters of a cell that may be a number, and of the name of a column."""
 PLAIN = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?\Z")
 GROUPED = {
     ",": re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\Z"),
@@ -87,7 +89,11 @@ def numeric_columns(table: pa.Table) -> Cells:
         elif pa.types.is_floating(kind) or pa.types.is_boolean(kind) or pa.types.is_decimal(kind):
             columns[name] = _floats(chunks)
         elif pa.types.is_string(kind) or pa.types.is_large_string(kind):
-            _take_text(name, chunks.to_pylist(), out)
+            texts = chunks.to_pylist()
+            if max(len(text) for text in texts if text is not None) > LONGEST_CELL:
+                left[name] = "it holds long words, no numbers"
+            else:
+                _take_text(name, texts, out)
         else:
             left[name] = f"it holds {kind} values, no numbers"
     return out

@@ -22,6 +22,8 @@ from .tables import ENDINGS, recording_of
 LINES = (".jsonl", ".ndjson")
 LEAST = 2
 """Samples of a recording at least."""
+SPARSE, FREE = 10, 1_000_000
+"""Times as many cells as have a value that a table of rows may have, beside those that are free."""
 ANGLES = ("position", "goal", "link_position")
 
 
@@ -100,6 +102,8 @@ def table_of(content: Any) -> pa.Table | None:
         return None
     flat = [_flat(row) for row in rows]
     names = dict.fromkeys(name for row in flat for name in row)
+    if len(names) * len(flat) > SPARSE * sum(map(len, flat)) + FREE:
+        return None
     return _table({name: [row.get(name) for row in flat] for name in names})
 
 

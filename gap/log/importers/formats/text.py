@@ -16,7 +16,7 @@ from pyarrow import csv as arrow_csv
 from ...types import LogError
 from ..recording import NoRecording
 from ..unit_words import unit_of
-from .cells import CLOCK, GROUPED, PLAIN, quantity
+from .cells import CLOCK, GROUPED, LONGEST_CELL, PLAIN, quantity
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
@@ -35,6 +35,7 @@ DATED = re.compile(
     r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}([T ]+\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*([AaPp][Mm]|Z|[-+]\d\d:?\d\d)?)?\Z"
 )
 WORDS = frozenset(["true", "false", "nan", "null", "none", "na", "n/a", "inf", "-inf"])
+LONG = re.compile(rf"[^\s,;|]{{{LONGEST_CELL + 1},}}")
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")
 """Signs that no text has."""
 BOM = "\ufeff"
@@ -79,7 +80,7 @@ def read_text(path: Path) -> tuple[pa.Table, list[str]]:
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}.") from None
     encoding = _encoding(raw, path)
-    head = codecs.getincrementaldecoder(encoding)("replace").decode(raw).lstrip(BOM)
+    head = _shortened(codecs.getincrementaldecoder(encoding)("replace").decode(raw).lstrip(BOM))
     lines = _lines(head) if len(raw) < _HEAD_BYTES else _lines(head)[:-1] or [head]
     layout = _layout(lines, path)
     if encoding == "cp1252":
@@ -87,13 +88,13 @@ def read_text(path: Path) -> tuple[pa.Table, list[str]]:
     try:
         if not layout.rewrite:
             return _arrow(path, layout, layout.skipped, layout.separator, encoding), layout.notes
-        text = path.read_bytes().decode(encoding, "replace")
+        text = _shortened(path.read_bytes().decode(encoding, "replace"))
         return _arrow(_rewritten(text, layout), layout, 0, ",", "utf8"), layout.notes
     except pa.ArrowInvalid as error:
         said = str(error).splitlines()[0]
     if layout.words:
         raise _no_numbers(path)
-    text = path.read_bytes().decode(encoding, "replace")
+    text = _shortened(path.read_bytes().decode(encoding, "replace"))
     _check_rows(text, layout, path)
     try:
         return _arrow(_rewritten(text, layout), layout, 0, ",", "utf8"), layout.notes
@@ -251,7 +252,10 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    return next(csv.reader([line], delimiter=separator, skipinitialspace=separator == ","), [])
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=separator == ","), [])
+    except csv.Error:  # a cell of more than 128 KiB
+        return [line]
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -297,6 +301,11 @@ def _check_rows(text: str, layout: _Layout, path: Path) -> None:
         raise LogError(
             f"{path}: line {k + 1} has {count} value{'s' * (count != 1)} for {width} columns; complete or remove it."
         )
+
+
+def _shortened(text: str) -> str:
+    """A text whose long words are cut: no number is so long, and patterns take time with the square of a word."""
+    return LONG.sub(lambda word: word[0][:LONGEST_CELL], text)
 
 
 def _lines(text: str) -> list[str]:
