@@ -6,9 +6,9 @@ joints of a MuJoCo model. The laws run inside the engine, so anything that steps
 of thousands, a replay) runs them.
 """
 
+from ..common.errors import SealegsError
 from .chain import Chain, ChainError, load_chain, load_chain_set
 from .drivetrain import Drivetrain
-from .errors import SealegsError
 from .mounting import DrivenCoordinate
 
 __all__ = ["Chain", "ChainError", "DrivenCoordinate", "Drivetrain", "SealegsError", "load_chain", "load_chain_set"]

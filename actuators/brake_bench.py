@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..common.errors import SealegsError
 from .chain import Chain
 from .compiled import compiled
-from .errors import SealegsError
 from .law import begin, torque
 from .layout import P_STATE_SIZE, P_VISCOUS, S_LIMIT
 from .stages import Quantity

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .atomic import write_text
+from ..common.atomic import write_text
+from ..common.errors import SealegsError
+from ..common.extras import needed_for
 from .brake_bench import BenchTable
 from .chain import Chain
-from .errors import SealegsError
-from .extras import needed_for
 from .regression_fit import EQUATION_3, RPM, RegressionFit, misses, usable, write_table
 from .stages import Quantity
 from .stages.controller import PositionP

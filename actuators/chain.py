@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from ..common.documents import DocumentError, read_yaml
-from .errors import nearest
+from ..common.errors import nearest
 from .layout import (
     MAGIC,
     P_COEFFICIENT,

@@ -31,8 +31,8 @@ from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
+from ..common.atomic import written
 from ..common.documents import read_json
-from .atomic import written
 
 # error_model: a division by zero gives infinity as in C; the check for it would cost a branch at every division
 PACKAGE = __name__.partition(".")[0]

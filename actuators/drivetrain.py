@@ -9,9 +9,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ..common.errors import SealegsError, nearest
 from .chain import Chain, ChainError, load_chain
 from .engine import install
-from .errors import SealegsError, nearest
 from .layout import (
     P_COEFFICIENT,
     P_DOF,

@@ -21,8 +21,8 @@ from llvmlite import ir
 from numba import types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
 
+from ..common.errors import SealegsError
 from .compiled import compiled
-from .errors import SealegsError
 from .law import FIRST, LATER, RESTART, advance, begin, torque
 from .law import runge_kutta_stage as stage_of
 from .layout import (

@@ -9,8 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ..common.errors import SealegsError, nearest
 from .chain import Chain
-from .errors import SealegsError, nearest
 from .rotor import inertia_about, release, rotor_body
 from .stages import ChainError
 

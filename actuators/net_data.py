@@ -8,9 +8,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from ..common.errors import SealegsError
 from .chain import Chain
 from .drivetrain import Drivetrain
-from .errors import SealegsError
 from .layout import S_TORQUE
 from .net_training import TrainingRun
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .atomic import written
-from .errors import SealegsError
-from .extras import needed_for
+from ..common.atomic import written
+from ..common.errors import SealegsError
+from ..common.extras import needed_for
 
 if TYPE_CHECKING:
     from .net_training import Prepared

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .atomic import write_text
+from ..common.atomic import write_text
+from ..common.extras import needed_for
 from .chain import Chain
-from .extras import needed_for
 from .net_file import predict, write_net
 from .net_training import TrainedNet
 from .stages import Stage

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import SealegsError
+from ..common.errors import SealegsError
 from .net_file import build, flat_weights, predict, require_torch
 from .stages.net import FORMAT
 

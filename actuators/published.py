@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..common.documents import DocumentError, read_json
-from .errors import nearest
+from ..common.errors import nearest
 from .stages import ChainError
 
 PREFIX = "bam:"

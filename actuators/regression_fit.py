@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .atomic import written
+from ..common.atomic import written
+from ..common.errors import SealegsError, nearest
 from .brake_bench import BenchTable
-from .errors import SealegsError, nearest
 
 RPM = np.pi / 30.0  # [rad/s]
 COLUMNS = ("duty", "speed", "torque", "temperature", "valid")

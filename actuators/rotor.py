@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from .errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 
 COPIED = ("mass", "ipos", "iquat", "inertia", "fullinertia", "explicitinertial")
 DRAWN = ("type", "size", "pos", "quat", "fromto", "rgba", "group", "contype", "conaffinity", "mass")

@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 from mujoco.introspect import ast_nodes, structs
 
-from .errors import SealegsError
+from ..common.errors import SealegsError
 
 _SCALARS = {
     "int": ctypes.c_int,

@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from ..configs.check import Count, Natural, NotNegative, Positive, arguments, checked
 
 LOGGER = logging.getLogger("sealegs")

@@ -17,8 +17,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from ..actuators.errors import SealegsError
 from ..common.documents import read_json
+from ..common.errors import SealegsError
 from .algorithms import build, normalized
 from .policy_files import save_policy
 from .run_folder import RunFolder

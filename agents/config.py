@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.check import Count, Natural, NotNegative, Pixels, checked
 from ..configs.compose import compose, override, split
 

@@ -29,7 +29,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from stable_baselines3.sac.policies import SACPolicy
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.check import checked
 from ..configs.compose import override, split
 from ..configs.script import run

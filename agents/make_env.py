@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from ..configs.check import arguments, checked
 from ..envs import known_id
 from ..envs.randomization import read_randomization

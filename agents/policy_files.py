@@ -13,8 +13,8 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from ..actuators.errors import SealegsError
 from ..common.documents import read_json
+from ..common.errors import SealegsError
 from .weights import FILE, ZIP, UntrustedError, read_weights, read_zip, write_weights
 
 

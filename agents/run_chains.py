@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..envs.sb3 import BatchVecEnv
 from .run_folder import RunFolder
 

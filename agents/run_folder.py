@@ -25,9 +25,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..actuators.atomic import finish_replacements, folder_written, write_text
-from ..actuators.errors import SealegsError
+from ..common.atomic import finish_replacements, folder_written, write_text
 from ..common.documents import DocumentError, read_json, read_yaml
+from ..common.errors import SealegsError
 
 try:
     import fcntl

@@ -7,8 +7,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from ..actuators.errors import SealegsError
 from ..common.documents import read_yaml
+from ..common.errors import SealegsError
 from ..envs.any_robot.user import file_of, is_user_task
 from ..envs.robot_described import RobotFile
 from ..envs.robot_sources import files_read

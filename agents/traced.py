@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from onnx import TensorProto
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .onnx_graph import OnnxGraph
 
 ROWS = 61

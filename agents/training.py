@@ -16,9 +16,9 @@ import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList
 
-from ..actuators.atomic import written
-from ..actuators.errors import SealegsError
+from ..common.atomic import written
 from ..common.documents import read_json
+from ..common.errors import SealegsError
 from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
 from ..envs.sb3 import BatchVecEnv

@@ -13,7 +13,7 @@ import gymnasium
 import imageio.v2 as imageio
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..envs.batch import BatchEngine
 
 FASTEST = 30  # pictures a second; drawing in software takes longer than the physics

@@ -21,8 +21,8 @@ from safetensors.torch import save
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from ..actuators.errors import SealegsError
 from ..common.documents import parse_json, regular
+from ..common.errors import SealegsError
 from .algorithms import ACTIVATIONS, ALGORITHMS, algorithm, build
 
 FILE = "policy.safetensors"

@@ -15,7 +15,7 @@ import json
 import sys
 from pathlib import Path
 
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import ALIKE, HEIGHT, JUDGED, SLIP, is_a_gait, walk

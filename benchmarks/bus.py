@@ -31,7 +31,7 @@ import mujoco
 import numpy as np
 import scservo_sdk as sdk
 from sealegs.actuators import DrivenCoordinate
-from sealegs.actuators.processes import end_with_parent
+from sealegs.common.processes import end_with_parent
 from sealegs.envs.robot import Robot
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.packets import ReplyError

@@ -33,8 +33,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sealegs.actuators.errors import SealegsError
-from sealegs.actuators.processes import end_with_parent
+from sealegs.common.errors import SealegsError
+from sealegs.common.processes import end_with_parent
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.commands import Trajectory

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.paper import BREAKAWAY_AT_REST, Machine, chains_with, stand_unpowered
 from sealegs.envs.hexapod.parameters import NUMBERS

@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from sealegs.actuators import Chain, load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.hopper.paper import CHAINS, PRINTED, Legs, measure
 from sealegs.envs.hopper.parameters import NUMBERS
 

@@ -30,9 +30,9 @@ from typing import Any, Protocol, cast
 import numpy as np
 import yaml
 from scipy import stats
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.config import TrainConfig, read_config
 from sealegs.agents.policy_files import policy_step
+from sealegs.common.errors import SealegsError
 from sealegs.configs.script import Interrupted, run
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.export import export_policy
 from sealegs.agents.make_env import make_vec_env
 from sealegs.agents.policy_files import load_policy
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
 from sealegs.hw.commands import PolicyCommands

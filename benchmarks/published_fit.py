@@ -23,7 +23,7 @@ from typing import Any
 import numba
 import numpy as np
 from scipy.optimize import least_squares
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log.parts import state_at
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.search.windows import window_starts

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.importers import import_logs, read_mapping
 from sealegs.gap.log.parts import TEST

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_a
 
 from annotated_types import Ge, Gt, Lt
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter

@@ -20,9 +20,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from ..actuators.errors import SealegsError, closest, nearest
 from ..common import plugins
 from ..common.documents import parse_json
+from ..common.errors import SealegsError, closest, nearest
 
 FOLDER = Path(__file__).resolve().parent
 

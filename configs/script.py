@@ -11,10 +11,10 @@ import textwrap
 from collections.abc import Callable, Sequence
 from types import ModuleType
 
-from ..actuators.errors import SealegsError
-from ..actuators.extras import missing_package
 from ..common import plugins
 from ..common.bugs import BUG, reported
+from ..common.errors import SealegsError
+from ..common.extras import missing_package
 from .compose import FOLDER, choices, groups
 
 BAD_INPUT = 2

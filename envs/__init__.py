@@ -71,7 +71,7 @@ def known_id(name: str) -> str:
     Raises:
         SealegsError: there is none, or it is a file that nobody named.
     """
-    from ..actuators.errors import SealegsError, nearest
+    from ..common.errors import SealegsError, nearest
     from .any_robot.user import is_user_task, known_user_id
 
     register_environments()

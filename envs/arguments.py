@@ -10,7 +10,7 @@ from typing import Any, ClassVar, get_type_hints
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from .robot import ChainSource, Robot
 from .task import Task
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 
 AT_ONCE = 3  # control steps within which an episode breaks at once; assumed
 EPISODES = 5  # in a row, of every simulation, that break at once, before a run stops; assumed

@@ -15,8 +15,8 @@ import numpy as np
 from mujoco.batch import Batch
 
 from ..actuators.engine import install
-from ..actuators.errors import SealegsError
 from ..actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from ..common.errors import SealegsError
 from .at_once import BreaksAtOnce
 from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals

@@ -14,8 +14,8 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
 from ..actuators import Chain, load_chain
-from ..actuators.errors import SealegsError
 from ..common.documents import parse_json
+from ..common.errors import SealegsError
 from ..configs.check import Count, Natural, NotNegative, Positive, checked
 from . import known_id
 from .arguments import TaskShell, task_arguments

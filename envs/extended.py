@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..actuators import Chain, load_chain
-from ..actuators.errors import SealegsError, nearest
 from ..common.documents import DocumentError, read_yaml
+from ..common.errors import SealegsError, nearest
 from .contract import task_of
 from .robot import Robot
 from .robot_file import is_robot_file

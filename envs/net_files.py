@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..actuators.chain import LIBRARY
-from ..actuators.errors import SealegsError
 from ..actuators.net_file import write_net
 from ..actuators.net_training import TrainedNet
+from ..common.errors import SealegsError
 
 
 def make_missing(nets: Mapping[str, Callable[[], TrainedNet]]) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 
 Mark = Literal["fitted", "planted and recovered", "follows from the inputs", "predicted"]
 MARKS: Mapping[Mark, str] = {

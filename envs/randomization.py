@@ -17,9 +17,9 @@ import numpy as np
 from mujoco.batch import Batch
 
 from ..actuators import Chain, Drivetrain
-from ..actuators.errors import SealegsError, nearest
 from ..actuators.layout import P_STATE_SIZE
 from ..common.documents import DocumentError, read_yaml
+from ..common.errors import SealegsError, nearest
 from .scene import FLOOR
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .batch import BatchEngine
 from .contract import task_of
 from .robot import ChainSource

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from .batch import BatchEngine
 from .scene import CAMERA
 

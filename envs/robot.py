@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 
 from ..actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_chain_set
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from .model_poses import Pose
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..actuators import Chain, load_chain
-from ..actuators.errors import SealegsError, nearest
 from ..actuators.published import PREFIX, bam_file
 from ..actuators.stages.controller import UNLIMITED
+from ..common.errors import SealegsError, nearest
 from ..configs.check import checked, checked_fields
 from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model

@@ -11,8 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ..actuators import Chain, load_chain
-from ..actuators.errors import SealegsError
 from ..actuators.stages.controller import Ideal
+from ..common.errors import SealegsError
 from .model_drives import ModelDrive
 from .model_file import UNITS, ModelFile
 from .robot import RobotError

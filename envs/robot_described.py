@@ -19,9 +19,9 @@ import mujoco
 import numpy as np
 
 from ..actuators import Chain, DrivenCoordinate
-from ..actuators.errors import nearest
 from ..actuators.stages import build_stage
 from ..actuators.stages.controller import UNLIMITED
+from ..common.errors import nearest
 from .model_file import UNITS, ModelFile
 from .robot import Robot, RobotError
 from .robot_entries import Owner, ServoEntry

@@ -14,7 +14,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.check import checked_fields
 from .model_file import SUFFIXES
 from .robot import RobotError

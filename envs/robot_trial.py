@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .any_robot.reach import ReachTask
 from .batch import BatchEngine
 from .robot_assembly import WARNING, between_actions

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.check import checked
 from .model_file import UNITS, ModelFile
 from .name_patterns import fits

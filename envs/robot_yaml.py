@@ -13,9 +13,9 @@ from typing import Any
 
 import yaml
 
-from ..actuators.atomic import write_text
-from ..actuators.errors import SealegsError
 from ..actuators.stages.controller import UNLIMITED
+from ..common.atomic import write_text
+from ..common.errors import SealegsError
 from .model_file import UNITS, ModelFile, read_model
 from .robot import RobotError
 from .robot_assembly import WARNING, assembled

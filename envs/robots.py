@@ -7,8 +7,8 @@ import importlib
 import logging
 from pathlib import Path
 
-from ..actuators.errors import nearest
 from ..common import plugins
+from ..common.errors import nearest
 from . import ENVIRONMENTS
 from .robot import Robot, RobotError
 from .robot_file import is_robot_file, load_robot_file

@@ -10,8 +10,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 
-from ..actuators.errors import SealegsError
-from ..actuators.extras import needed_for
+from ..common.errors import SealegsError
+from ..common.extras import needed_for
 from . import registered_id
 from .vector import BatchVectorEnv
 

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ..actuators import Drivetrain
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .robot import Robot
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .task import Task
 
 ROWS = "one number per simulation (motion.link.shape[0] of them)"

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
 from ..common.bugs import Unforeseen
+from ..common.errors import SealegsError
 from .diagnosis import Diagnosis
 from .log.arrays import InMemory, measured_set
 from .log.progress import Progress

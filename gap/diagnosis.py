@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .log.finding import Finding
 from .log.progress import Progress
 from .log.types import MeasuredSet

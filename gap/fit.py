@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from .causes import Cause, JointModel, Parameter, factor
 from .log.arrays import InMemory
 from .replay.problem import Problem

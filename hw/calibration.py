@@ -22,8 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 import yaml
 
-from ..actuators.atomic import write_text
-from ..actuators.errors import SealegsError
+from ..common.atomic import write_text
+from ..common.errors import SealegsError
 from ..configs.check import Count, checked
 from ..configs.script import run
 from ..envs.base import BaseLayout

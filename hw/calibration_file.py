@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ..actuators.errors import SealegsError
 from ..common.documents import DocumentError, read_yaml
+from ..common.errors import SealegsError
 from ..configs.check import Natural, Positive, checked, checked_fields
 from ..envs.robot import Robot
 from .joints import MAIN, CalibrationError, Joint, Line, line_of

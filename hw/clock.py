@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 
 LOWEST_RATE, HIGHEST_RATE = 0.5, 1000.0  # [Hz]
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from ..configs.check import checked
 from ..envs.bench.robot import BENCH
 from ..envs.contract import start_pose

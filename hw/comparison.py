@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
 from . import deployment

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..actuators.atomic import write_text
+from ..common.atomic import write_text
 from .comparison import MACHINE, Comparison, table, verdict
 from .comparison_page import write_page
 

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from ..actuators.atomic import write_text
+from ..common.atomic import write_text
 from ..gap.output.pictures.style import COLOURS
 from .comparison import MACHINE, Comparison, table, verdict
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from annotated_types import Gt, Le
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.check import Count, checked
 from .adapters import Whereabouts
 from .bus import ServoBus

@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 
 KEY = b" "
 LET_GO = "the dead-man's switch was let go"

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Le
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.check import checked, checked_seed
 from ..envs.bench.robot import BENCH
 from ..envs.robots import get_robot

@@ -13,7 +13,7 @@ import stat
 import threading
 from collections.abc import Callable, Iterator, Sequence
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .interface import Bus
 from .stop import Stop
 from .supervisor import Supervisor

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from .commands import Trajectory
 from .limits import ByJoint, by_pattern
 from .robot import ServoRobot

@@ -14,7 +14,7 @@ import uuid
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..actuators.atomic import write_text
+from ..common.atomic import write_text
 from .adapters import Whereabouts
 from .supervisor import Charge
 

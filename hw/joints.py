@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from ..configs.check import Count, checked, checked_fields
 from ..envs.name_patterns import fits, fitting
 from ..envs.robot import Robot

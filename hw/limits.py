@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 from ..configs.check import checked
 from ..envs.name_patterns import fitting
 from ..envs.robot_within import POSITIONS

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .address import named
 from .alarm import to_stderr
 from .clock import Metronome

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.atomic import write_text
-from ..actuators.errors import SealegsError
+from ..common.atomic import write_text
 from ..common.documents import DocumentError, parse_json
+from ..common.errors import SealegsError
 from ..configs.script import run
 from ..gap.log.sidecar import Sidecar, read_sidecar, sidecar_text
 from ..gap.log.types import LogError

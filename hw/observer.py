@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..envs.base import BaseLayout
 from ..envs.contract import Contract, goal_scale
 from ..envs.task import ModulatedTask, Motion, Task

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .clock import Timing
 from .packets import BusError
 from .safety import Fault

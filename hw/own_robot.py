@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..actuators.errors import SealegsError, nearest
 from ..common.documents import read_yaml
+from ..common.errors import SealegsError, nearest
 from ..configs.check import checked
 from ..configs.compose import FOLDER
 from ..envs.robot import RobotError

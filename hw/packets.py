@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntFlag
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 
 
 class BusError(SealegsError):

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..envs.any_robot.user import trained_in
 from ..envs.contract import KEY, Contract, ContractError
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Sequence
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..envs.robot_within import POSITIONS, TIMES, never_stops
 from .following import GOAL_SPEED, Following, ability
 from .limits import Limits as Limits

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from rich.progress import track
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..configs.script import run
 from .adapters import advice
 from .bus import ServoBus

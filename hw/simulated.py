@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from ..gap.log import read_measured
 from .commands import Commands
 from .loop import ControlLoop

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..actuators.errors import SealegsError
+from ..common.errors import SealegsError
 from .bus import ServoBus
 from .clock import Clock
 from .packets import PortBusyError, PortError

@@ -22,7 +22,7 @@ from sealegs.envs import register_environments
 
 if TYPE_CHECKING:
     from sealegs.actuators import load_chain
-    from sealegs.actuators.errors import SealegsError
+    from sealegs.common.errors import SealegsError
     from sealegs.common.plugins import add as add_plugins
     from sealegs.environments import load_robot, make_env
     from sealegs.envs.extended import Extended
@@ -47,7 +47,7 @@ __all__ = [
 _HOMES = {
     "Diagnosis": ("sealegs.gap.diagnosis", "Diagnosis"),
     "Extended": ("sealegs.envs.extended", "Extended"),
-    "SealegsError": ("sealegs.actuators.errors", "SealegsError"),
+    "SealegsError": ("sealegs.common.errors", "SealegsError"),
     "add_plugins": ("sealegs.common.plugins", "add"),
     "diagnose": ("sealegs.gap.diagnose", "diagnose"),
     "fit": ("sealegs.gap.fit", "fit"),

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from sealegs.actuators.errors import nearest
+from sealegs.common.errors import nearest
 from sealegs.configs.script import BAD_INPUT, load, run
 
 COMMANDS = {

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-from sealegs.actuators.errors import SealegsError, nearest
+from sealegs.common.errors import SealegsError, nearest
 from sealegs.envs import register_environments, registered_id
 from sealegs.envs.any_robot.user import is_user_task
 from sealegs.envs.extended import Extended, extended_arguments

@@ -28,7 +28,7 @@ from xml.etree import ElementTree
 import yaml
 from hypothesis import strategies as st
 from sealegs.actuators.compiled import folder as compiled_folder
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 
 LONGEST = 10.0  # [s] of the processor
 MEMORY = 4 * 2**30  # [B] beyond what the process has

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import sealegs
 from gymnasium.utils.env_checker import check_env as check_gymnasium
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.config import read_config
+from sealegs.common.errors import SealegsError
 from sealegs.envs import registered_id
 from sealegs.envs.any_robot.track import TrackTask
 from sealegs.envs.contract import make_contract

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from sealegs.actuators import DrivenCoordinate, Drivetrain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.arm.control import Robust, closed_loop
 from sealegs.envs.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
 from sealegs.envs.arm.kinematics import chain, jacobian, joints, tool

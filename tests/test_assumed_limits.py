@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import loop, new_robot
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.envs.robot_yaml import AssumedLimits

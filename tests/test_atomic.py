@@ -8,14 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.actuators.atomic import (
-    REPLACED,
-    UNFINISHED,
-    finish_replacements,
-    folder_written,
-    write_text,
-    written,
-)
+from sealegs.common.atomic import REPLACED, UNFINISHED, finish_replacements, folder_written, write_text, written
 
 
 def test_a_file_appears_when_its_block_ends(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.hopper.task import HopperTask
 from sealegs.envs.sb3 import BatchVecEnv

@@ -15,9 +15,9 @@ import pytest
 import sealegs  # noqa: F401 registers
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import Drivetrain, load_chain
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.commands import train
+from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain

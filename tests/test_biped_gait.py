@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.action_pipeline import task_parts
+from sealegs.common.errors import SealegsError
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.biped.gait import HoppingGait, WalkingGait
 from sealegs.envs.biped.robot import BIPED

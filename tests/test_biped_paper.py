@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.biped import balance, paper, paper_plots, report, validation
 from sealegs.envs.biped.cable_fit import Cable, fit_cable
 from sealegs.envs.biped.controller import PERIOD, Gait, HoppingController, Phase

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause, View
 from sealegs.gap.causes.registry import ENTRIES

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 import pytest
 from annotated_types import Gt
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import demo, diagnose, loop, watch
+from sealegs.common.errors import SealegsError
 from sealegs.configs.check import Count, Natural, Pixels, Positive, Share, arguments, checked, checked_seed, or_null
 from sealegs.configs.script import run
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log import LogError, read_measured
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.clock import Metronome

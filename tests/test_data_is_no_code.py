@@ -17,11 +17,11 @@ import pytest
 import torch
 import yaml
 from safetensors.torch import load_file, save_file
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents import export
 from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.agents.policy_files import load_policy
 from sealegs.commands import deploy, evaluate, train, watch
+from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run
 from sealegs.envs import known_id, registered_id
 from sealegs.envs.contract import KEY

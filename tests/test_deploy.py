@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy, loop
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.configs.script import run as run_script
 from sealegs.envs.bench.robot import BENCH

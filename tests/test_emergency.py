@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log import LogError
 from sealegs.hw import realtime as module
 from sealegs.hw.buses import BusGroup

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.hw import deployment
 from sealegs.hw.bus import ServoBus
 from sealegs.hw.clock import Metronome, Timing

@@ -20,7 +20,7 @@ import yaml
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.robots import get_robot
 from sealegs.envs.single import SingleEnv

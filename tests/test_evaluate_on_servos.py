@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands.evaluate import PLAIN
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.hw import deployment
 from sealegs.hw.clock import Metronome

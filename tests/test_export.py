@@ -12,9 +12,9 @@ import onnx
 import pytest
 import torch
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.export import export_policy, write_onnx
 from sealegs.agents.policy_files import describe, save_policy
+from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.hw.policy import Policy

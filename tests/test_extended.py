@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sealegs
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.extended import Change, Extended, Mounted, Owner, read_extended
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.causes.catalogue import catalogue

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
-from sealegs.actuators.extras import CORE as BROUGHT
-from sealegs.actuators.extras import EXTRAS, MissingPackage, needed_for
+from sealegs.common.extras import CORE as BROUGHT
+from sealegs.common.extras import EXTRAS, MissingPackage, needed_for
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DISTRIBUTIONS = {"scservo_sdk": "feetech-servo-sdk", "serial": "pyserial"}

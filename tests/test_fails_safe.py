@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy
+from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus import ServoBus

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
 from sealegs.gap.fleet import jobs as jobs_module
 from sealegs.gap.fleet.cluster import shipped, written_log

@@ -13,8 +13,8 @@ import pytest
 import sealegs  # noqa: F401 registers
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain, load_chain_set
-from sealegs.actuators.errors import SealegsError
 from sealegs.actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
+from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod import modulated_gait
 from sealegs.envs.hexapod.env import HexapodEnv
 from sealegs.envs.hexapod.gait import PERIOD, Tripod

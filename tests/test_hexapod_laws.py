@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 
 SLIDE = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="0 0 0"/><worldbody><body>
 <joint name="x" type="slide" axis="1 0 0"/><geom size="0.1" mass="7"/></body></worldbody></mujoco>"""

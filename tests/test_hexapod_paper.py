@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.friction_bench import breakaway, steady
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.paper import Machine, Standing, Walk, friction_at_rest, limit_by_speed, stand_unpowered

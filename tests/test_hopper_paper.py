@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.hopper.controller import BangBang, spring_stiffness
 from sealegs.envs.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
 

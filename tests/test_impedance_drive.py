@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators.chain import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.checks.stops import stops_of
 from sealegs.gap.log import read_measured

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from sealegs.actuators.extras import MissingPackage
+from sealegs.common.extras import MissingPackage
 from sealegs.gap.log import LogError
 from sealegs.gap.log.importers import propose_for, read_recordings
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.output import partial

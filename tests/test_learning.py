@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.policy_files import load_policy
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import choices
 
 from benchmarks import learning

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import evaluate
+from sealegs.common.errors import SealegsError
 from sealegs.envs.leg import control
 from sealegs.envs.leg.paper import Analysis, against_engine, coriolis_error, peak, straightness
 from sealegs.envs.leg.report import motor_rows, perturbation_lines, table_rows

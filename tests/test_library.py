@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import sealegs
-from sealegs.actuators.errors import SealegsError
 from sealegs.agents.make_env import checked_env
 from sealegs.cli import main
 from sealegs.commands import new_robot
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.search import journal
 

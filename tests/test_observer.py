@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import make_contract, start_pose
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.hw.observer import Observer

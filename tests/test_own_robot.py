@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 from sealegs import cli
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy, new_robot, relevant
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
 from sealegs.envs.robot_file import load_robot_file

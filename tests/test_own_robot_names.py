@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from sealegs import cli
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy, new_robot
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.hw import deployment
 from sealegs.hw.connection import opened_bus, opened_port

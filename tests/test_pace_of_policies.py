@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
 from sealegs.hw import deployment

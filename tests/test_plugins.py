@@ -17,11 +17,11 @@ import pytest
 import sealegs
 from sealegs.actuators import Drivetrain, load_chain
 from sealegs.actuators.compiled import digest
-from sealegs.actuators.errors import SealegsError
 from sealegs.actuators.layout import S_TORQUE
 from sealegs.actuators.stages.base import STAGES
 from sealegs.actuators.turning import apart
 from sealegs.common import plugins
+from sealegs.common.errors import SealegsError
 from sealegs.envs.robots import get_robot
 from sealegs.gap.causes.registry import ENTRIES
 from sealegs.gap.log.writer import write_run

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.published import MARKS, Otherwise, Row, documents, row_lines
 
 ROWS = [

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
 from sealegs.envs.batch import BatchEngine
 from sealegs.envs.bench.task import BenchTask

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 from gymnasium.wrappers import RecordVideo
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.sb3 import BatchVecEnv
 from sealegs.envs.single import SingleEnv
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.common.bugs import Unforeseen
+from sealegs.common.errors import SealegsError
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure

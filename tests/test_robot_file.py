@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import robot_hash
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file

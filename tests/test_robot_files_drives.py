@@ -5,8 +5,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import new_robot
+from sealegs.common.errors import SealegsError
 from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
 

@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.replay.tree import held_still, motion_of, not_free

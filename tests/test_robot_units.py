@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.checks.data_set import check_run, check_set, corrected
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import robot_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.hw.packets import NoReplyError
 from sealegs.hw.robot import Reading, build_robot

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run
 from sealegs.hw import scan
 from sealegs.hw.bus import ServoBus

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.hw.commands import Reference
 from sealegs.hw.joints import CalibrationError, Sensor

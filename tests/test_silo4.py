@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.leg.kinematics import foot
 from sealegs.envs.leg.machine import LEGS, SILO4, Wave, coordinate, margin, standing_height, walk
 from sealegs.envs.leg.parameters import STANCE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import sealegs
 import yaml
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import new_robot
+from sealegs.common.errors import SealegsError
 from sealegs.envs.robot_file import load_robot_file
 
 ROBOT = """<mujoco><compiler angle="radian" autolimits="true"/>{option}<worldbody>

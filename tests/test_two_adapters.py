@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
 from sealegs.commands import deploy
+from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log import read_measured

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sealegs
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 
 ARM = Path(__file__).parent / "robots" / "arm.xml"
 TASK = """

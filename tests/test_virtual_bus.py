@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import FOLDER
 from sealegs.configs.script import run
 from sealegs.envs.bench.robot import BENCH

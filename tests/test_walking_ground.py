@@ -11,7 +11,7 @@ from tempfile import mkdtemp
 import mujoco
 import numpy as np
 import pytest
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.errors import SealegsError
 from sealegs.envs.robots import get_robot
 from sealegs.gap.ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from sealegs.gap.ground.laid import Laid

@@ -18,7 +18,7 @@ from functools import cache
 from typing import Any, ClassVar, TypeVar
 
 from ...common import plugins
-from ..errors import SealegsError, nearest
+from ...common.errors import SealegsError, nearest
 from .parity import Frame, Parity
 
 

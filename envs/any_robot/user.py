@@ -22,8 +22,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from ...actuators.errors import SealegsError, nearest
 from ...common import plugins
+from ...common.errors import SealegsError, nearest
 from ..arguments import TaskShell
 from ..single import SingleEnv
 from ..task import Task

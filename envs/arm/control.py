@@ -19,7 +19,7 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from .dynamics import PERFECT, Joints, Motion, ideal_torques, model_of
 from .kinematics import tool
 from .tables import JOINTS

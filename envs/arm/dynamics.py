@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 from numpy.polynomial import chebyshev
 
 from ...actuators import Drivetrain, load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from .kinematics import tool
 from .robot import ARM
 from .tables import DAMPING, FLEXIBLE, JOINTS, STIFFNESS

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ...actuators.atomic import write_text
-from ...actuators.errors import SealegsError
+from ...common.atomic import write_text
+from ...common.errors import SealegsError
 from ..published import documents, row_lines
 from . import paper
 from .control import Robust

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from .controller import PERIOD, RATIOS, Gait, HoppingController, Phase
 from .drive import ANGLE, ENCODER, SHAPE, SPRING_RATIO, torque_chain
 from .kinematics import TURNED, centre_of_mass, feet, place, segments

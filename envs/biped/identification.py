@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 
 
 class IdentificationError(SealegsError):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from .controller import PERIOD, Gait, Phase
 from .hopping import HoppingExperiment
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..task import Motion, Task, drawn
 from .drive import ANGLE, SHAPE
 from .gait import HoppingGait, WalkingGait

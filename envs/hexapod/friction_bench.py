@@ -15,9 +15,9 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain, load_chain
-from ...actuators.errors import SealegsError
 from ...actuators.gravity import GRAVITY
 from ...actuators.layout import S_CURRENT
+from ...common.errors import SealegsError
 from ..published import Mark, Row
 from .kinematics import foot_load
 from .parameters import LEGS, NUMBERS

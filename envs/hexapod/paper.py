@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain
-from ...actuators.errors import SealegsError
 from ...actuators.gravity import GRAVITY
 from ...actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
 from ...actuators.stages.friction import Friction
+from ...common.errors import SealegsError
 from .gait import PERIOD, Tripod
 from .ground import penetration
 from .kinematics import link_angles

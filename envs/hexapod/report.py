@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.atomic import write_text
-from ...actuators.errors import SealegsError
+from ...common.atomic import write_text
+from ...common.errors import SealegsError
 from ..published import Mark, Otherwise, Row, documents, row_lines
 from . import friction_bench
 from .gait import SPEED, Tripod

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, DrivenCoordinate, load_chain_set
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..robot import Robot
 from ..scene import CAMERA, FLOOR, add_scene, add_sun
 from . import ground

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 
 
 @dataclass(frozen=True)

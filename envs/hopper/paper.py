@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import Drivetrain
-from ...actuators.errors import SealegsError
 from ...actuators.layout import S_TORQUE
+from ...common.errors import SealegsError
 from ..robot import ChainSource
 from .controller import BangBang, spring_stiffness
 from .robot import BASE, FOOT, HIP, HOPPER, KNEE

@@ -15,8 +15,8 @@ import numpy as np
 from mujoco.batch import Batch
 
 from ...actuators import Chain
-from ...actuators.errors import SealegsError
 from ...actuators.stages.meshing import Meshing
+from ...common.errors import SealegsError
 from . import path
 from .dynamics import constants
 from .inertia import rotors

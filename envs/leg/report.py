@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.atomic import write_text
-from ...actuators.errors import SealegsError
+from ...common.atomic import write_text
+from ...common.errors import SealegsError
 from ..published import Otherwise, Row, documents, row_lines
 from .control import Lines, Model, errors, paths, rms
 from .dynamics import TABLE_VII, constants, gravity

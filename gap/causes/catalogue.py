@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from ...actuators.errors import SealegsError, nearest
 from ...common import plugins
+from ...common.errors import SealegsError, nearest
 from ..replay.joint_model import JointModel
 from ..replay.parameters import TIGHT, Parameter, Target, factor
 from . import contact, drive, friction, load, sensor, transmission

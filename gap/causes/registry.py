@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, address, factor
 from .cause import Cause

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from ...actuators import Chain
-from ...actuators.errors import nearest
+from ...common.errors import nearest
 from ...envs.bench.robot import BARE
 from ...envs.robot_file import is_robot_file
 from ..load.load import Load

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...actuators.chain import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..load.robot import robot_of
 from ..load.units import run_in_model_units
 from ..log.types import Array, JointLog, MeasuredRun

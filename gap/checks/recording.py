@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators.chain import load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..checks.stops import Stop
 from ..replay.joint_model import JointModel
 

@@ -16,9 +16,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...actuators.atomic import folder_written
-from ...actuators.errors import SealegsError
-from ...actuators.extras import needed_for
+from ...common.atomic import folder_written
+from ...common.errors import SealegsError
+from ...common.extras import needed_for
 from ...common.plugins import environment
 from ..log.reader import files_named_by
 from .jobs import Job, Outcome, Report, finished, fits_of_joint, joints_of, run_job

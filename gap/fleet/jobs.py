@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from ...actuators.atomic import folder_written, staged_folder
-from ...actuators.errors import SealegsError
+from ...common.atomic import folder_written, staged_folder
 from ...common.bugs import Unforeseen, told
 from ...common.documents import read_json
+from ...common.errors import SealegsError
 from ..log.progress import Progress
 from ..log.table import ENDINGS
 from ..log.types import LogError

@@ -11,7 +11,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from ...actuators.atomic import write_text, written
+from ...common.atomic import write_text, written
 from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
 from .table import FAILED, Row, Shared
 

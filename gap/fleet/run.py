@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from ...actuators.errors import SealegsError
-from ...actuators.processes import cores, exit_with_parent
+from ...common.errors import SealegsError
+from ...common.processes import cores, exit_with_parent
 from .cluster import on_ray, ray_module
 from .jobs import Job, Outcome, Report, finished, remove_unfinished, run_job
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.atomic import written
+from ...common.atomic import written
 from .jobs import Outcome
 
 COLUMNS: tuple[str, ...] = (

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from ...actuators import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..causes.cause import Cause
 from ..log.finding import Finding
 from ..log.parts import held_out

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ...actuators import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ...envs.robot import Robot
 from ...envs.robots import get_robot
 from ..causes.cause import Cause

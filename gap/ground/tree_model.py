@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain
-from ...actuators.errors import SealegsError
 from ...actuators.mounting import ENGINE_DEFAULTS
+from ...common.errors import SealegsError
 from ...envs.base import BaseLayout
 from ...envs.robot import Robot
 from ..replay.parameters import absolute

@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ...actuators.errors import SealegsError, nearest
 from ...actuators.gravity import GRAVITY
+from ...common.errors import SealegsError, nearest
 from ...envs.bench.robot import BARE, NUMBERS
 from ...envs.bench.robot import inertia as pendulum_inertia
 from .load import Range

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...actuators.errors import SealegsError, nearest
+from ...common.errors import SealegsError, nearest
 from ...envs.robot_file import is_robot_file
 from .sidecar import Sidecar, files_named, read_sidecar
 from .table import ENDINGS, ONLY_JOINT, check_columns, group_of, read_batches

@@ -11,9 +11,9 @@ from typing import Any
 
 import yaml
 
-from ...actuators.errors import nearest
 from ...actuators.published import PREFIX
 from ...common.documents import DocumentError, read_yaml
+from ...common.errors import nearest
 from ...envs.robot_file import is_robot_file
 from ...envs.robot_sources import files_read
 from .types import LogError

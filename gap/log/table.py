@@ -11,7 +11,7 @@ import pyarrow as pa
 from pyarrow import compute, parquet
 from pyarrow import csv as arrow_csv
 
-from ...actuators.errors import nearest
+from ...common.errors import nearest
 from .types import COMMANDS, OTHER, SIGNAL_UNITS, Array, LogError
 
 ENDINGS = (".csv", ".parquet")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from .finding import Finding
 
 Array = NDArray[np.float64]

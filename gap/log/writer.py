@@ -13,7 +13,7 @@ import pyarrow as pa
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
-from ...actuators.atomic import flush, write_text, written
+from ...common.atomic import flush, write_text, written
 from ...common.documents import DocumentError, parse_yaml, read_yaml
 from .sidecar import Sidecar, sidecar_text
 from .types import Array, LogError, MeasuredRun

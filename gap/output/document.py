@@ -11,8 +11,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from ...actuators.errors import SealegsError
 from ...common.documents import DocumentError, read_json
+from ...common.errors import SealegsError
 from ..experiment import DetectionLimit, Experiment, read_goals
 from ..log.finding import Finding
 from ..search.structure import Structure

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.atomic import STAGED, folder_written
-from ...actuators.extras import missing_package
+from ...common.atomic import STAGED, folder_written
+from ...common.extras import missing_package
 from ...envs.robot_file import is_robot_file
 from ..experiment import write_experiment
 from ..log.parts import TEST

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...actuators.errors import SealegsError
 from ...common import plugins
+from ...common.errors import SealegsError
 from ...envs.extended import read_extended
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS, get_robot

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from ... import actuators, envs
-from ...actuators.atomic import locked, write_text
-from ...actuators.errors import SealegsError
+from ...common.atomic import locked, write_text
 from ...common.documents import DocumentError, read_json
+from ...common.errors import SealegsError
 from ..log.progress import Milestone, Progress
 from ..log.reader import files_named_by
 from ..log.sidecar import FOLDER_DEFAULTS, Sidecar, files_named

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import Drivetrain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ...envs.extended import Extended
 from ...envs.model_poses import keyframes, stand, standing
 from ...envs.robot_described import FileJoint, RobotFile

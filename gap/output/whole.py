@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...actuators import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ...envs.extended import Extended
 from ..load.robot import LoggedRobot, robot_of
 from ..log.progress import Progress

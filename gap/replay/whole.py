@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..load.robot import LoggedRobot
 from ..load.tree import Motion
 from ..log.types import MeasuredRun

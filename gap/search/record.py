@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators.atomic import write_text
+from ...common.atomic import write_text
 from ...common.documents import read_json
 
 DIGITS = 9

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...actuators.errors import nearest
+from ...common.errors import nearest
 from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
 from ..checks.data_set import check_set, corrected, merged, unusable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...actuators.errors import nearest
+from ...common.errors import nearest
 from ..ground.ground import GROUND
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding

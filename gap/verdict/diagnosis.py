@@ -8,8 +8,8 @@ from dataclasses import replace
 from functools import partial
 
 from ...actuators.chain import Chain
-from ...actuators.errors import SealegsError
 from ...common.bugs import Unforeseen, apart
+from ...common.errors import SealegsError
 from ..causes.catalogue import adjustable, catalogue, checked
 from ..causes.contact import with_stops
 from ..causes.unknown import with_believed_load

@@ -15,9 +15,9 @@ from multiprocessing.managers import SyncManager
 from pathlib import Path
 from typing import Any
 
-from ...actuators.processes import cores, exit_with_parent
 from ...common import plugins
 from ...common.bugs import apart
+from ...common.processes import cores, exit_with_parent
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
 from ..log.types import MeasuredRun

@@ -10,7 +10,7 @@ from hashlib import blake2b
 import numpy as np
 
 from ...actuators.chain import Chain, load_chain
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..load.pendulum import hung

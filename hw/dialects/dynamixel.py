@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...actuators.extras import needed_for
+from ...common.extras import needed_for
 from ..port import BusPort
 from . import Reply
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from ...actuators.errors import SealegsError, nearest
 from ...common import plugins
 from ...common.documents import read_yaml
+from ...common.errors import SealegsError, nearest
 from ..packets import RegisterError
 
 FOLDER = Path(__file__).resolve().parent

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ...configs.check import checked
 from ...configs.compose import compose, split
 from ...configs.script import run

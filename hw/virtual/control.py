@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...actuators.errors import SealegsError
 from ...common.documents import parse_json
+from ...common.errors import SealegsError
 
 Handler = Callable[[dict[str, Any]], dict[str, Any]]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...actuators.errors import SealegsError, nearest
 from ...common.documents import DocumentError, read_yaml
+from ...common.errors import SealegsError, nearest
 
 KINDS = {
     "drop": "replies are lost",

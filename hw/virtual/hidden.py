@@ -14,9 +14,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...actuators import Chain, load_chain
-from ...actuators.errors import SealegsError, nearest
 from ...actuators.stages import build_stage
 from ...common.documents import DocumentError, read_yaml
+from ...common.errors import SealegsError, nearest
 from ...envs.robot import Robot
 
 

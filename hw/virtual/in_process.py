@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from ...configs.check import checked, checked_seed
 from ...envs.robots import get_robot
 from ..bus import ServoBus

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 from .control import Control
 
 LINGER = 5.0  # [s] that the servos outlive a killed parent

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...actuators import Chain
 from ...actuators.engine import install
-from ...actuators.errors import SealegsError, nearest
 from ...actuators.law import host_reading
 from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
+from ...common.errors import SealegsError, nearest
 from ...envs.base import BaseLayout
 from ...envs.model_ties import in_turn, place_followers
 from ...envs.position_goals import check_position_goals

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from ...actuators.errors import SealegsError, nearest
+from ...common.errors import SealegsError, nearest
 from ..registers import ServoModel
 from .dynamixel import DynamixelServo
 from .firmware import OFF, TICK

@@ -11,7 +11,7 @@ import termios
 import tty
 from pathlib import Path
 
-from ...actuators.errors import SealegsError
+from ...common.errors import SealegsError
 
 TCGETS2 = 0x802C542A  # Linux: termios with numeric speeds
 

@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from sealegs.actuators.errors import SealegsError
 from sealegs.common.documents import read_json
+from sealegs.common.errors import SealegsError
 
 SERVO = "sv1270tg"
 # What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.

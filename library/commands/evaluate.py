@@ -24,8 +24,8 @@ PLAIN = ("paper", "out", "policy", "task", "nominal", "extended", "port", "calib
 
 def main(arguments: list[str]) -> None:
     """Make the comparison that the command line names."""
-    from sealegs.actuators.errors import SealegsError, nearest
     from sealegs.commands import relevant
+    from sealegs.common.errors import SealegsError, nearest
     from sealegs.configs.check import checked
     from sealegs.configs.compose import compose, split
     from sealegs.envs import PAPERS

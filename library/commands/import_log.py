@@ -17,8 +17,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sealegs.actuators.atomic import write_text
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.atomic import write_text
+from sealegs.common.errors import SealegsError
 from sealegs.configs.check import checked
 from sealegs.configs.compose import compose, split
 from sealegs.gap.log.importers import Imported, Proposed, answered, import_logs, propose_for, read_mapping

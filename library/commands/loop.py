@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from sealegs.actuators.atomic import write_text
-from sealegs.actuators.errors import SealegsError, nearest
+from sealegs.common.atomic import write_text
 from sealegs.common.documents import read_json, read_yaml
+from sealegs.common.errors import SealegsError, nearest
 from sealegs.configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]

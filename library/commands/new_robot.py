@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sealegs.actuators.errors import SealegsError, nearest
+from sealegs.common.errors import SealegsError, nearest
 
 KEYS = ("out", "chain")
 

@@ -16,7 +16,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sealegs.actuators.atomic import write_text
+from sealegs.common.atomic import write_text
 
 WORD = "relevant"
 FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given
@@ -24,7 +24,7 @@ FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given
 
 def main(arguments: list[str]) -> None:
     """Analyse the robot that the command line names."""
-    from sealegs.actuators.errors import SealegsError
+    from sealegs.common.errors import SealegsError
     from sealegs.configs.check import checked
     from sealegs.configs.compose import compose, split
 
@@ -61,7 +61,7 @@ def analyse(
     Raises:
         SealegsError: wrong input, or a folder that has results.
     """
-    from sealegs.actuators.errors import SealegsError
+    from sealegs.common.errors import SealegsError
     from sealegs.environments import environment_id
     from sealegs.envs.relevant import RULE, Mover, judge
     from sealegs.envs.robot_file import is_robot_file

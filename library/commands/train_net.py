@@ -15,8 +15,8 @@ import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from sealegs.actuators.errors import SealegsError, nearest
 from sealegs.actuators.gravity import GRAVITY
+from sealegs.common.errors import SealegsError, nearest
 from sealegs.configs.script import Interrupted
 
 if TYPE_CHECKING:

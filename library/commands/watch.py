@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sealegs.actuators.atomic import written
-from sealegs.actuators.errors import SealegsError
+from sealegs.common.atomic import written
+from sealegs.common.errors import SealegsError
 
 
 def main(arguments: list[str]) -> None:

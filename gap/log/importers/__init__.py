@@ -12,8 +12,8 @@ from typing import Any
 
 import yaml
 
-from ....actuators.atomic import write_text
-from ....actuators.errors import nearest
+from ....common.atomic import write_text
+from ....common.errors import nearest
 from ..sidecar import FOLDER_DEFAULTS
 from ..types import LogError, MeasuredRun
 from ..writer import in_the_way, is_written, write_run

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ....actuators.errors import nearest
+from ....common.errors import nearest
 from ..types import Array, LogError
 
 PLAIN = re.compile(r"[A-Za-z_][\w.\[\]/]*\Z")

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ....actuators.errors import nearest
 from ....common.documents import DocumentError, read_yaml
+from ....common.errors import nearest
 from ..reader import build_run
 from ..sidecar import Sidecar, checked_kinds, checked_parts
 from ..table import check_columns

@@ -11,10 +11,10 @@ from typing import Any
 import yaml
 
 from ....actuators.chain import load_chain
-from ....actuators.errors import nearest
 from ....actuators.published import PREFIX, as_recorded, drive_of
 from ....actuators.stages.controller import UNLIMITED
 from ....common.documents import parse_yaml
+from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
 from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
 from ....envs.robots import ROBOTS, get_robot

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .....actuators.extras import needed_for
+from .....common.extras import needed_for
 from ...types import Array, LogError
 from ..recording import Recording
 from ..series import ARM
