@@ -103,9 +103,6 @@ $(INSTALLED): pyproject.toml setup.py constraints.txt
 	$(PY) -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-# The type checker reads files, not import hooks: a package of links shows it what an installed `sealegs` looks like.
-$(LINKS): $(INSTALLED) FORCE
-	@mkdir -p $@
-	@for part in envs actuators agents gap hw configs common; do ln -sfn $(CURDIR)/$$part $@/$$part; done
-	@for file in $(CURDIR)/library/*; do ln -sfn $$file $@/; done
-FORCE:
+# The checkout is the package: the type checker finds it as `sealegs` by one link, whatever its folder is called.
+$(LINKS): $(INSTALLED)
+	@rm -rf $@ && mkdir -p $(@D) && ln -s $(CURDIR) $@

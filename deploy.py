@@ -3,7 +3,7 @@
 import sys
 
 try:
-    from sealegs.cli import main
+    from sealegs.commands.cli import main
 except ModuleNotFoundError as missing:
     sys.exit(f"This Python has no {missing.name}: run `make setup` once, then .venv/bin/python deploy.py.")
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from sealegs import cli
-from sealegs.commands import new_robot
+from sealegs.commands import cli, new_robot
 from sealegs.configs.compose import compose, split
 
 from tests.doc_machines import Machines, machines

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from sealegs import cli
+from sealegs.commands import cli
 from sealegs.hw import bus as servo_bus
 from sealegs.hw import calibration
 from sealegs.hw.virtual import VirtualBus
@@ -27,7 +27,7 @@ DYNAMIXEL = {
 }
 MOVES = ((0.0,), (0.5,), (-0.8, 0.8))
 """What a calibration of the bench asks for: hanging, to its positive side, from stop to stop [rad]."""
-SERVER = "import sys; from sealegs.cli import main; sys.exit(main())"
+SERVER = "import sys; from sealegs.commands.cli import main; sys.exit(main())"
 
 
 class PatientBus(servo_bus.ServoBus):

@@ -13,8 +13,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PARTS = ("library", "envs", "actuators", "agents", "gap", "hw", "configs", "common")
-NAMES = ("envs", "agents", "configs", "gap", "hw", "actuators", "tests", "testbed", "benchmarks", "library", "docs")
+PARTS = ("actuators", "agents", "commands", "common", "configs", "envs", "evaluation", "gap", "hw")
+NAMES = (
+    "envs",
+    "agents",
+    "configs",
+    "gap",
+    "hw",
+    "actuators",
+    "tests",
+    "testbed",
+    "benchmarks",
+    "commands",
+    "common",
+    "docs",
+)
 """Folders of the checkout, none of which may be a package of its own once installed."""
 
 
@@ -93,8 +106,10 @@ def copied_checkout(folder: Path) -> Path:
     """The code of the checkout, its tests and benches included, so that a build leaves nothing behind in it."""
     for name in (*PARTS, "tests", "testbed", "benchmarks", "typings"):
         shutil.copytree(REPOSITORY / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "py.typed"):
         shutil.copy(REPOSITORY / name, folder)
+    for script in REPOSITORY.glob("*.py"):
+        shutil.copy(script, folder)
     return folder
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.cli import main
+from sealegs.commands.cli import main
 from sealegs.gap.checks.data_set import check_set, merged
 from sealegs.gap.log import LogError, MeasuredSet, read_measured
 from sealegs.gap.log.importers import import_logs, read_mapping

@@ -87,7 +87,7 @@ print(gymnasium.make_vec("SeaLegs/Bench-v0", num_envs=2, actuator="ideal").reset
     ],
 )
 def test_a_command_names_the_extra_that_it_lacks(words: list[str], extra: str, tmp_path: Path) -> None:
-    answer = without_extras(f"from sealegs.cli import main; sys.exit(main({words!r}))", tmp_path)
+    answer = without_extras(f"from sealegs.commands.cli import main; sys.exit(main({words!r}))", tmp_path)
     assert answer.returncode == 2, answer.stderr
     assert f"pip install 'sealegs[{extra}]'" in answer.stderr and len(answer.stderr.splitlines()) == 1
 
@@ -102,7 +102,7 @@ def test_the_environment_for_stable_baselines3_names_its_extra(tmp_path: Path) -
 def test_a_diagnosis_needs_the_core_only_and_says_what_a_report_needs(tmp_path: Path) -> None:
     program = """
 from pathlib import Path
-from sealegs.cli import main
+from sealegs.commands.cli import main
 from sealegs.gap.virtual.bench import record
 record(Path("logs"), "sts3215", {}, excitations=("chirp", "steps", "slow triangle"))
 sys.exit(main(["diagnose", "log=logs", "out=found"]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy.io import savemat
-from sealegs.cli import main
+from sealegs.commands.cli import main
 from sealegs.envs.bench.robot import BARE, NUMBERS
 from sealegs.gap.load.pendulum import completed
 from sealegs.gap.log import LogError, read_measured

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.cli import main
+from sealegs.commands.cli import main
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.expression import evaluate, signed_reading

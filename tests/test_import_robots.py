@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from sealegs.cli import main
+from sealegs.commands.cli import main
 from sealegs.common.extras import MissingPackage
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import Recording, import_logs, propose_for, read_recordings

@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 import sealegs
 from sealegs.agents.make_env import checked_env
-from sealegs.cli import main
 from sealegs.commands import new_robot
+from sealegs.commands.cli import main
 from sealegs.common.errors import SealegsError
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.search import journal

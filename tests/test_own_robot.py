@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from sealegs import cli
-from sealegs.commands import deploy, new_robot, relevant
+from sealegs.commands import cli, deploy, new_robot, relevant
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract

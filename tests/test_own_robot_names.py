@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from sealegs import cli
-from sealegs.commands import deploy, new_robot
+from sealegs.commands import cli, deploy, new_robot
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.hw import deployment

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.agents.policy_files import load_policy
-from sealegs.cli import COMMANDS
+from sealegs.commands.cli import COMMANDS
 
 from tests.made_once import folder_made_once, made_once
 from tests.stranger import NAMES, PARTS, REPOSITORY, Stranger, built, copied_checkout, recorded, stranger
@@ -76,12 +76,11 @@ def installed(wheel: Path) -> Stranger:
 def shipped() -> set[str]:
     """Files of the checkout that belong into the package, as they are called there."""
     kinds = (".py", ".yaml", ".npz", ".j2", ".css", ".typed")
-    names = set()
+    names = {f"sealegs/{name}" for name in ("__init__.py", "__main__.py", "py.typed")}
     for part in PARTS:
         for file in (REPOSITORY / part).rglob("*"):
             if file.suffix in kinds or file.name == "py.typed":
-                inside = file.relative_to(REPOSITORY / part)
-                names.add(str(Path("sealegs", "" if part == "library" else part, inside)))
+                names.add(f"sealegs/{file.relative_to(REPOSITORY)}")
     return names
 
 
@@ -138,7 +137,7 @@ def test_an_editable_installation_is_the_checkout(tmp_path: Path) -> None:
     source, made = copied_checkout(tmp_path / "checkout"), stranger(tmp_path)
     made.install("-e", str(source))
     assert not {path.name for path in made.packages.iterdir()} & {"sealegs", *NAMES}
-    assert made.done("python", "-c", FOUND).strip() == str(source / "library")
+    assert made.done("python", "-c", FOUND).strip() == str(source)
     (source / "envs" / "fresh.py").write_text("LIVE = True\n")
     assert made.done("python", "-c", "from sealegs.envs.fresh import LIVE; print(LIVE)").strip() == "True"
     assert "Keys and their defaults" in made.done("sealegs", "train", "--help")
@@ -227,7 +226,7 @@ with VirtualBus(robot="bench") as virtual:
 CALIBRATED = """
 import builtins, sys
 import sealegs.hw.bus
-from sealegs.cli import main
+from sealegs.commands.cli import main
 from sealegs.hw.virtual import VirtualBus
 
 class Bus(sealegs.hw.bus.ServoBus):
@@ -281,7 +280,9 @@ def test_the_policies_that_come_along_load() -> None:
         assert actions.shape == (2, *description["action"]["shape"]) and np.isfinite(actions).all()
 
 
-SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name != "setup.py")
+SCRIPTS = sorted(
+    path.name for path in REPOSITORY.glob("*.py") if path.name not in ("setup.py", "__init__.py", "__main__.py")
+)
 
 
 @pytest.mark.parametrize("command", [[name] for name in SCRIPTS] + [["-m", "benchmarks"], ["-m", "benchmarks.hidden"]])

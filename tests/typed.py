@@ -6,7 +6,7 @@ import contextlib
 import io
 from dataclasses import dataclass
 
-from sealegs import cli
+from sealegs.commands import cli
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from sealegs.common.errors import SealegsError
-from sealegs.configs.script import Interrupted
+from ..common.errors import SealegsError
+from ..configs.script import Interrupted
 
 PLAIN = (
     "policy",
@@ -38,10 +38,10 @@ PLAIN = (
 
 def main(arguments: list[str]) -> None:
     """Run what the command line names."""
-    from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
-    from sealegs.envs.robot_file import is_robot_file
-    from sealegs.hw import deployment
-    from sealegs.hw.own_robot import READERS
+    from ..configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
+    from ..envs.robot_file import is_robot_file
+    from ..hw import deployment
+    from ..hw.own_robot import READERS
 
     given = split(arguments, PLAIN, _meant(arguments))
     if "robot" not in given and (robot := _robot_of_the_excitation(arguments)) is not None:
@@ -76,7 +76,7 @@ def _robot_of_the_excitation(arguments: Sequence[str]) -> str | None:
     Raises:
         SealegsError: the sidecar cannot be read.
     """
-    from sealegs.hw.commands import robot_beside
+    from ..hw.commands import robot_beside
 
     words = [argument.partition("=")[2].strip("'\" ") for argument in arguments if argument.startswith("excitation=")]
     path = Path(words[-1] if words else "")

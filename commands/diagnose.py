@@ -19,17 +19,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from sealegs.common.errors import SealegsError
-from sealegs.configs.script import Interrupted
+from ..common.errors import SealegsError
+from ..configs.script import Interrupted
 
 DIAGNOSES = Path("diagnoses")
 
 
 def main(arguments: list[str]) -> None:
     """Diagnose the log that the command line names."""
-    from sealegs.configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
-    from sealegs.gap.diagnose import checked_settings
-    from sealegs.gap.output.partial import alone
+    from ..configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
+    from ..gap.diagnose import checked_settings
+    from ..gap.output.partial import alone
 
     config = compose("diagnose", split(arguments, plain=("log", "out", "test"), first="log"))
     if config["log"] is None:
@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> None:
 
 def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
     """Fleet and workers; :func:`sealegs.gap.diagnose.checked_settings` has the settings of a diagnosis."""
-    from sealegs.configs.check import Count, checked, or_null
+    from ..configs.check import Count, checked, or_null
 
     types: dict[str, tuple[Any, str]] = {
         "fleet": (Literal[True, False, "ray"], "true (this machine), ray (a Ray cluster) or false"),
@@ -75,12 +75,13 @@ def diagnose_one(
     """Diagnose one data set, so many joints at a time, and print what was found; ``arguments`` asked for it."""
     from rich.console import Console
     from rich.markup import escape
-    from sealegs.gap.fleet.jobs import diagnose_folder
-    from sealegs.gap.log.progress import Milestone
-    from sealegs.gap.output.next_step import next_step
-    from sealegs.gap.output.partial import alone, source_of, unfinished
-    from sealegs.gap.output.terminal import screen, told_once
-    from sealegs.gap.verdict.verdict import UNUSABLE
+
+    from ..gap.fleet.jobs import diagnose_folder
+    from ..gap.log.progress import Milestone
+    from ..gap.output.next_step import next_step
+    from ..gap.output.partial import alone, source_of, unfinished
+    from ..gap.output.terminal import screen, told_once
+    from ..gap.verdict.verdict import UNUSABLE
 
     if out is None:
         before = DIAGNOSES.glob(f"{log.stem}-*")
@@ -115,7 +116,7 @@ def diagnose_one(
 
 def how_to_go_on(arguments: Sequence[str], out: Path) -> str:
     """What is said where a person stops a diagnosis that ``arguments`` asked for: the command that goes on with it."""
-    from sealegs.gap.output.partial import FOLDER, TOLD
+    from ..gap.output.partial import FOLDER, TOLD
 
     if not (out / FOLDER / TOLD).is_file():
         return "Stopped before anything was found."
@@ -134,7 +135,8 @@ def diagnose_fleet(log: Path, out: Path, settings: dict[str, Any], workers: int 
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.table import Table
-    from sealegs.gap.fleet import diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
+
+    from ..gap.fleet import diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
 
     jobs = find_jobs(log, out, settings)
     out.mkdir(parents=True, exist_ok=True)
@@ -166,7 +168,7 @@ def diagnose_fleet(log: Path, out: Path, settings: dict[str, Any], workers: int 
     rows = rows_of(outcomes)
     shared = shared_causes(rows)
     write_table(rows, out / "fleet.csv")
-    from sealegs.gap.fleet.page import write_page
+    from ..gap.fleet.page import write_page
 
     written = write_page(rows, shared, out, log.resolve().name)
     table = Table("servo", "verdict", "causes (share of the gap)", box=None, pad_edge=False)

@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from sealegs.common.atomic import write_text
-from sealegs.common.documents import read_json, read_yaml
-from sealegs.common.errors import SealegsError, nearest
-from sealegs.configs.script import Interrupted
+
+from ..common.atomic import write_text
+from ..common.documents import read_json, read_yaml
+from ..common.errors import SealegsError, nearest
+from ..configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
 """Numbers of a bench that the excitations are run with: two loads that a person has [kg], [m]."""
@@ -31,9 +32,9 @@ PLAIN = ("out", "port", "calibration", "hw.virtual.hidden", "hw.virtual.faults")
 
 def main(arguments: list[str]) -> None:
     """Run every step that is not done yet."""
-    from sealegs.configs.compose import compose, split
-    from sealegs.envs.robots import get_robot
-    from sealegs.hw.own_robot import READERS
+    from ..configs.compose import compose, split
+    from ..envs.robots import get_robot
+    from ..hw.own_robot import READERS
 
     given = split(arguments, PLAIN)
     config = compose("loop", given, readers=READERS)
@@ -80,8 +81,8 @@ def checked_settings(config: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         SealegsError: a value of the wrong type or size.
     """
-    from sealegs.configs.check import Count, Natural, NotNegative, Positive, checked, or_null
-    from sealegs.gap.experiment import library
+    from ..configs.check import Count, Natural, NotNegative, Positive, checked, or_null
+    from ..gap.experiment import library
 
     known = [name.replace(" ", "_") for name in library(0.0, 1.0, 0)]
     types: dict[str, tuple[Any, str]] = {
@@ -170,7 +171,7 @@ def excite(
     config: Mapping[str, Any], out: Path, machine: list[str], name: str, word: str, load: Mapping[str, float], seed: int
 ) -> None:
     """One excitation; its log is ``out/log/<name>.csv``."""
-    from sealegs.commands import deploy as script
+    from . import deploy as script
 
     params = json.dumps({**numbers(config), **load})
     machine = [argument for argument in machine if not argument.startswith(("robot.params=", "robot.params."))]
@@ -183,7 +184,7 @@ def excite(
 
 def complete(out: Path, name: str) -> bool:
     """Whether a log is there and whole; one that a stop cut short is put aside."""
-    from sealegs.hw.measured_log import read_events
+    from ..hw.measured_log import read_events
 
     log = out / "log" / f"{name}.csv"
     if not log.exists():
@@ -201,9 +202,9 @@ def complete(out: Path, name: str) -> bool:
 
 def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int) -> Path | None:
     """Explain the log, measuring further where that is proposed; the folder of the extended model, None without."""
-    from sealegs.commands import diagnose as script
-    from sealegs.envs.extended import FILE
-    from sealegs.gap.log.sidecar import read_sidecar
+    from ..envs.extended import FILE
+    from ..gap.log.sidecar import read_sidecar
+    from . import diagnose as script
 
     folder = out / "diagnosis"
     for further in range(config["further"] + 1):
@@ -225,8 +226,8 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
 
 def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: int, seed: int) -> None:
     """Train on a model, or go on with it."""
-    from sealegs.commands import train as script
-    from sealegs.envs.robot_file import is_robot_file
+    from ..envs.robot_file import is_robot_file
+    from . import train as script
 
     folder = out / f"policy-{name}"
     if (folder / "final" / "policy.onnx").exists():
@@ -250,7 +251,7 @@ def compare(
     config: Mapping[str, Any], out: Path, name: str, extended: Path | None, machine: list[str], seed: int
 ) -> Path:
     """Run a policy in all models and on the machine; the folder of the comparison."""
-    from sealegs.commands import evaluate as script
+    from . import evaluate as script
 
     folder = out / f"comparison-{name}"
     if not (folder / "comparison.json").exists():
@@ -287,8 +288,8 @@ def keep(file: Path, config: Mapping[str, Any]) -> None:
 
 def tell(out: Path, folders: Mapping[str, Path]) -> None:
     """Print and draw the gap before and after."""
-    from sealegs.hw.comparison_figures import told_error
-    from sealegs.hw.comparison_picture import draw_gap
+    from ..hw.comparison_figures import told_error
+    from ..hw.comparison_picture import draw_gap
 
     documents = {name: read_json(folder / "comparison.json") for name, folder in folders.items()}
     heading("What came of it")
@@ -309,7 +310,7 @@ def tell(out: Path, folders: Mapping[str, Path]) -> None:
 
 def nothing_found(out: Path) -> str:
     """Why there is no extended model, as the last diagnosis of the loop says it."""
-    from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
+    from ..gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
 
     files = sorted(out.glob("diagnosis*/diagnosis.json"))
     found = read_json(files[-1]) if files else {"joints": []}

@@ -19,12 +19,12 @@ from typing import Any
 
 def main(arguments: list[str]) -> None:
     """Measure or read, fit, write."""
-    from sealegs.actuators.brake_bench import Noise, Protocol, measure  # here, so that --help does not wait
-    from sealegs.actuators.brake_report import chain_from, report
-    from sealegs.actuators.chain import load_chain
-    from sealegs.actuators.regression_fit import fit_regression, read_table
-    from sealegs.configs.check import Count, Natural, checked
-    from sealegs.configs.compose import compose, split
+    from ..actuators.brake_bench import Noise, Protocol, measure  # here, so that --help does not wait
+    from ..actuators.brake_report import chain_from, report
+    from ..actuators.chain import load_chain
+    from ..actuators.regression_fit import fit_regression, read_table
+    from ..configs.check import Count, Natural, checked
+    from ..configs.compose import compose, split
 
     config = compose("characterize", split(arguments, plain=("actuator", "table", "out"), first="table"))
     table_path = config["table"]
@@ -46,6 +46,6 @@ def main(arguments: list[str]) -> None:
 
 
 def _number(key: str, value: Any) -> float:
-    from sealegs.configs.check import NotNegative, checked
+    from ..configs.check import NotNegative, checked
 
     return checked(key, value, NotNegative, f"{key} is {value}; it must not be negative.")

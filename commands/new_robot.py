@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sealegs.common.errors import SealegsError, nearest
+from ..common.errors import SealegsError, nearest
 
 KEYS = ("out", "chain")
 
 
 def main(arguments: list[str]) -> None:
     """Write the file that the command line names."""
-    from sealegs.envs.robot_yaml import write_robot_yaml
-    from sealegs.gap.log.types import OTHER
-    from sealegs.hw.assumed_limits import assumed_limits
+    from ..envs.robot_yaml import write_robot_yaml
+    from ..gap.log.types import OTHER
+    from ..hw.assumed_limits import assumed_limits
 
     files = [argument for argument in arguments if "=" not in argument]
     given = dict(argument.split("=", 1) for argument in arguments if "=" in argument)

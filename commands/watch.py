@@ -17,18 +17,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sealegs.common.atomic import written
-from sealegs.common.errors import SealegsError
+from ..common.atomic import written
+from ..common.errors import SealegsError
 
 
 def main(arguments: list[str]) -> None:
     """Make the film that the command line asks for."""
-    from sealegs.agents.make_env import checked_env, make_single_env  # here, so that --help does not wait for torch
-    from sealegs.agents.policy_files import load_policy
-    from sealegs.agents.video import record_video
-    from sealegs.configs.check import Pixels, Positive, checked, checked_seed
-    from sealegs.configs.compose import compose, split
-    from sealegs.envs.any_robot.user import trained_in
+    from ..agents.make_env import checked_env, make_single_env  # here, so that --help does not wait for torch
+    from ..agents.policy_files import load_policy
+    from ..agents.video import record_video
+    from ..configs.check import Pixels, Positive, checked, checked_seed
+    from ..configs.compose import compose, split
+    from ..envs.any_robot.user import trained_in
 
     config = compose("watch", split(arguments, plain=("policy", "actuator", "extended", "task", "out"), first="policy"))
     if config["policy"] is None:
@@ -64,8 +64,8 @@ def _as_found(
     config: Mapping[str, Any], env: Mapping[str, Any], believed: Mapping[str, float]
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Chains and numbers of the diagnosis, on what is believed now, since the policy may have been trained on them."""
-    from sealegs.configs.check import checked
-    from sealegs.envs.extended import extended_arguments
+    from ..configs.check import checked
+    from ..envs.extended import extended_arguments
 
     actuator = None if config["actuator"] == "keep" else config["actuator"]
     folder = checked("extended", config["extended"], str)

@@ -24,12 +24,12 @@ PLAIN = ("paper", "out", "policy", "task", "nominal", "extended", "port", "calib
 
 def main(arguments: list[str]) -> None:
     """Make the comparison that the command line names."""
-    from sealegs.commands import relevant
-    from sealegs.common.errors import SealegsError, nearest
-    from sealegs.configs.check import checked
-    from sealegs.configs.compose import compose, split
-    from sealegs.envs import PAPERS
-    from sealegs.hw.own_robot import READERS
+    from ..common.errors import SealegsError, nearest
+    from ..configs.check import checked
+    from ..configs.compose import compose, split
+    from ..envs import PAPERS
+    from ..hw.own_robot import READERS
+    from . import relevant
 
     if arguments and arguments[0] == relevant.WORD:
         relevant.main(arguments[1:])
@@ -52,9 +52,9 @@ def main(arguments: list[str]) -> None:
 
 def compare_policy(config: dict[str, Any]) -> None:
     """Compare a policy in its models and on the machine."""
-    from sealegs.gap.output.files import fresh_folder
-    from sealegs.hw.comparison import compare
-    from sealegs.hw.comparison_files import write_comparison
+    from ..gap.output.files import fresh_folder
+    from ..hw.comparison import compare
+    from ..hw.comparison_files import write_comparison
 
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = fresh_folder(Path(str(config["out"] or f"runs/comparison-{now}")))

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
-from sealegs.common.errors import SealegsError, nearest
-from sealegs.envs import register_environments, registered_id
-from sealegs.envs.any_robot.user import is_user_task
-from sealegs.envs.extended import Extended, extended_arguments
-from sealegs.envs.robot import ChainSource, Robot
-from sealegs.envs.robots import get_robot
+
+from ..common.errors import SealegsError, nearest
+from . import register_environments, registered_id
+from .any_robot.user import is_user_task
+from .extended import Extended, extended_arguments
+from .robot import ChainSource, Robot
+from .robots import get_robot
 
 
 def load_robot(name: str | Path) -> Robot:

@@ -6,8 +6,8 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from sealegs.common.errors import nearest
-from sealegs.configs.script import BAD_INPUT, load, run
+from ..common.errors import nearest
+from ..configs.script import BAD_INPUT, load, run
 
 COMMANDS = {
     "train": ("sealegs.commands.train", "train", "learn a policy"),

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ.setdefault("MUJOCO_GL", "egl")
 
-from sealegs.envs import register_environments
+from .envs import register_environments
 
 if TYPE_CHECKING:
-    from sealegs.actuators import load_chain
-    from sealegs.common.errors import SealegsError
-    from sealegs.common.plugins import add as add_plugins
-    from sealegs.environments import load_robot, make_env
-    from sealegs.envs.extended import Extended
-    from sealegs.gap.diagnose import diagnose
-    from sealegs.gap.diagnosis import Diagnosis
-    from sealegs.gap.fit import fit
-    from sealegs.gap.log import read_measured as read_log
+    from .actuators import load_chain
+    from .common.errors import SealegsError
+    from .common.plugins import add as add_plugins
+    from .envs.extended import Extended
+    from .envs.make import load_robot, make_env
+    from .gap.diagnose import diagnose
+    from .gap.diagnosis import Diagnosis
+    from .gap.fit import fit
+    from .gap.log import read_measured as read_log
 
 __all__ = [
     "Diagnosis",
@@ -52,8 +52,8 @@ _HOMES = {
     "diagnose": ("sealegs.gap.diagnose", "diagnose"),
     "fit": ("sealegs.gap.fit", "fit"),
     "load_chain": ("sealegs.actuators", "load_chain"),
-    "load_robot": ("sealegs.environments", "load_robot"),
-    "make_env": ("sealegs.environments", "make_env"),
+    "load_robot": ("sealegs.envs.make", "load_robot"),
+    "make_env": ("sealegs.envs.make", "make_env"),
     "read_log": ("sealegs.gap.log", "read_measured"),
 }
 """Module and attribute of each public name, loaded when it is first used."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 def main(arguments: list[str]) -> None:
     """Start or resume the run that the command line describes."""
-    from sealegs.agents.config import read_config  # here, so that --help does not wait for torch
-    from sealegs.agents.training import train
+    from ..agents.config import read_config  # here, so that --help does not wait for torch
+    from ..agents.training import train
 
     train(read_config(arguments))

@@ -17,12 +17,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from sealegs.common.atomic import write_text
-from sealegs.common.errors import SealegsError
-from sealegs.configs.check import checked
-from sealegs.configs.compose import compose, split
-from sealegs.gap.log.importers import Imported, Proposed, answered, import_logs, propose_for, read_mapping
-from sealegs.gap.log.importers.mapping import FOLDER, ended
+from ..common.atomic import write_text
+from ..common.errors import SealegsError
+from ..configs.check import checked
+from ..configs.compose import compose, split
+from ..gap.log.importers import Imported, Proposed, answered, import_logs, propose_for, read_mapping
+from ..gap.log.importers.mapping import FOLDER, ended
 
 PLAIN = ("source", "out", "mapping", "unit", "robot", "actuator", "format")
 UNITS = ("rad", "deg", "turn", "ticks", "percent", "m", "mm")

@@ -16,7 +16,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sealegs.common.atomic import write_text
+from ..common.atomic import write_text
 
 WORD = "relevant"
 FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given
@@ -24,9 +24,9 @@ FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given
 
 def main(arguments: list[str]) -> None:
     """Analyse the robot that the command line names."""
-    from sealegs.common.errors import SealegsError
-    from sealegs.configs.check import checked
-    from sealegs.configs.compose import compose, split
+    from ..common.errors import SealegsError
+    from ..configs.check import checked
+    from ..configs.compose import compose, split
 
     config = compose(WORD, split(arguments, plain=("robot", "out"), first="robot"))
     if config["robot"] is None:
@@ -61,10 +61,10 @@ def analyse(
     Raises:
         SealegsError: wrong input, or a folder that has results.
     """
-    from sealegs.common.errors import SealegsError
-    from sealegs.environments import environment_id
-    from sealegs.envs.relevant import RULE, Mover, judge
-    from sealegs.envs.robot_file import is_robot_file
+    from ..common.errors import SealegsError
+    from ..envs.make import environment_id
+    from ..envs.relevant import RULE, Mover, judge
+    from ..envs.robot_file import is_robot_file
 
     if (out / "relevant.json").exists():
         raise SealegsError(f"{out} holds an analysis already; give another folder as out=.")
@@ -89,7 +89,7 @@ def analyse(
         "balance": [run.balance() for run in runs],
     }
     write_text(out / "relevant.json", json.dumps(result, indent=1) + "\n")
-    from sealegs.envs.relevant_plots import draw
+    from ..envs.relevant_plots import draw
 
     pictures = draw(mover.names, runs, out)
     parts = list(next(iter(verdict.shares.values())))

@@ -15,20 +15,20 @@ import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from sealegs.actuators.gravity import GRAVITY
-from sealegs.common.errors import SealegsError, nearest
-from sealegs.configs.script import Interrupted
+from ..actuators.gravity import GRAVITY
+from ..common.errors import SealegsError, nearest
+from ..configs.script import Interrupted
 
 if TYPE_CHECKING:
-    from sealegs.actuators.net_training import Settings, TrainedNet, TrainingRun
-    from sealegs.gap.log import MeasuredRun
+    from ..actuators.net_training import Settings, TrainedNet, TrainingRun
+    from ..gap.log import MeasuredRun
 
 
 def main(arguments: list[str]) -> None:
     """Collect runs, train, write."""
-    from sealegs.actuators.net_file import require_torch  # here, so that --help does not wait
-    from sealegs.actuators.net_report import report
-    from sealegs.configs.compose import compose, split
+    from ..actuators.net_file import require_torch  # here, so that --help does not wait
+    from ..actuators.net_report import report
+    from ..configs.compose import compose, split
 
     config = compose("train_net", split(arguments, plain=("log", "joint", "actuator", "out"), first="log"))
     if (config["log"] is None) == (config["actuator"] is None):
@@ -62,8 +62,9 @@ def main(arguments: list[str]) -> None:
 
 def _settings(config: dict[str, Any]) -> Settings:
     from annotated_types import MinLen
-    from sealegs.actuators.net_training import Settings
-    from sealegs.configs.check import Count, Natural, NotNegative, Positive, Share, checked, or_null
+
+    from ..actuators.net_training import Settings
+    from ..configs.check import Count, Natural, NotNegative, Positive, Share, checked, or_null
 
     types: dict[str, tuple[Any, str]] = {
         **dict.fromkeys(("history", "epochs", "patience"), (Count, "it must be at least 1")),
@@ -86,9 +87,9 @@ def _settings(config: dict[str, Any]) -> Settings:
 
 def _simulated(config: dict[str, Any]) -> tuple[list[TrainingRun], tuple, str, float]:
     """Simulated runs of a chain, the stages that stay behind the net, its name and its armature [kg.m2]."""
-    from sealegs.actuators.chain import load_chain
-    from sealegs.actuators.net_data import BEHIND, simulated_runs
-    from sealegs.configs.check import Positive, checked
+    from ..actuators.chain import load_chain
+    from ..actuators.net_data import BEHIND, simulated_runs
+    from ..configs.check import Positive, checked
 
     chain = load_chain(config["actuator"])
     sentence = "simulated.runs, simulated.seconds and simulated.rate must be positive."
@@ -103,9 +104,9 @@ def _simulated(config: dict[str, Any]) -> tuple[list[TrainingRun], tuple, str, f
 
 def _measured(config: dict[str, Any]) -> list[TrainingRun]:
     """Runs of one joint of a measured log."""
-    from sealegs.gap.load.robot import robot_of
-    from sealegs.gap.load.units import in_model_units
-    from sealegs.gap.log import read_measured
+    from ..gap.load.robot import robot_of
+    from ..gap.load.units import in_model_units
+    from ..gap.log import read_measured
 
     if config["target"] not in ("auto", "torque", "motion"):
         raise SealegsError(f"target is {config['target']!r}; it is auto, torque or motion.")
@@ -131,8 +132,8 @@ def _measured(config: dict[str, Any]) -> list[TrainingRun]:
 
 
 def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRun:
-    from sealegs.actuators.chain import load_chain
-    from sealegs.actuators.net_training import TrainingRun
+    from ..actuators.chain import load_chain
+    from ..actuators.net_training import TrainingRun
 
     log = item.joints[joint]
     if log.goal is None:
@@ -148,7 +149,7 @@ def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRu
             raise SealegsError(
                 f"{item.name} has no torque column and was not recorded on a bench, so the load is not known."
             )
-        from sealegs.envs.bench.robot import NUMBERS, pendulum
+        from ..envs.bench.robot import NUMBERS, pendulum
 
         load = {key: float(item.robot_params.get(key, number.value or 0.0)) for key, number in NUMBERS.items()}
         total, centre, about_centre = pendulum(load)
@@ -173,7 +174,8 @@ def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRu
 
 def _train(runs: list[TrainingRun], settings: Settings) -> TrainedNet:
     from rich.progress import Progress
-    from sealegs.actuators.net_training import train
+
+    from ..actuators.net_training import train
 
     with Progress(transient=True) as bar:
         task = bar.add_task("training", total=settings.epochs)

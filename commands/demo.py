@@ -16,8 +16,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from sealegs.common.documents import read_json
-from sealegs.common.errors import SealegsError
+
+from ..common.documents import read_json
+from ..common.errors import SealegsError
 
 SERVO = "sv1270tg"
 # What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.
@@ -30,10 +31,10 @@ HIDDEN = {
 
 def main(arguments: list[str]) -> None:
     """Run the whole loop into one folder."""
-    from sealegs.configs.check import Count, checked, checked_seed
-    from sealegs.configs.compose import compose, split
-    from sealegs.envs.extended import read_extended
-    from sealegs.envs.hopper.robot import HOPPER
+    from ..configs.check import Count, checked, checked_seed
+    from ..configs.compose import compose, split
+    from ..envs.extended import read_extended
+    from ..envs.hopper.robot import HOPPER
 
     config = compose("demo", split(arguments, plain=("out",)))
     seed = checked_seed(config["seed"])
@@ -41,7 +42,7 @@ def main(arguments: list[str]) -> None:
     out = Path(checked("out", config["out"] or f"runs/demo-{datetime.datetime.now():%Y%m%d-%H%M%S}", str))
     if out.exists():
         raise SealegsError(f"{out} exists, and nothing is overwritten: give another folder, out=<folder>.")
-    from sealegs.agents.cross_evaluation import mean_reward  # here, so that no answer above waits for torch
+    from ..agents.cross_evaluation import mean_reward  # here, so that no answer above waits for torch
 
     started = time.monotonic()
 
@@ -74,7 +75,7 @@ def heading(text: str) -> None:
 
 def measure(log: Path, hidden: dict[str, float], seed: int) -> None:
     """Record the servo on the virtual bench."""
-    from sealegs.gap.virtual.bench import record
+    from ..gap.virtual.bench import record
 
     heading(f"Measuring a {SERVO} on the virtual bench")
     files = record(log, SERVO, hidden, seed)
@@ -83,8 +84,8 @@ def measure(log: Path, hidden: dict[str, float], seed: int) -> None:
 
 def diagnose(log: Path, out: Path, seed: int) -> Path | None:
     """Explain the log; the folder of the extended model, None where there is none."""
-    from sealegs.commands import diagnose as script
-    from sealegs.envs.extended import FILE
+    from ..envs.extended import FILE
+    from . import diagnose as script
 
     arguments = [f"log={log}", f"out={out}", f"seed={seed}"]
     heading(shlex.join(["sealegs", "diagnose", *arguments]))
@@ -104,7 +105,7 @@ def found(file: Path) -> str:
 
 def train(model: str, out: Path, name: str, steps: int, seed: int) -> Path:
     """Train the hopper; returns the run folder."""
-    from sealegs.commands import train as script
+    from . import train as script
 
     arguments = ["env=hopper", model, f"out={out}", f"name={name}", f"seed={seed}"]
     arguments += [f"total_timesteps={steps}", "video.seconds=6"]
