@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from sealegs.hw.clock import Metronome
+from sealegs.hw.bus.clock import Metronome
 
 STAT = Path("/proc/stat")
 STEAL, COUNTED = 7, 8  # place of the stolen time behind the name of a row, and columns that add up to all time; proc(5)

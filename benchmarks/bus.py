@@ -33,9 +33,9 @@ import scservo_sdk as sdk
 from sealegs.actuators import DrivenCoordinate
 from sealegs.common.processes import end_with_parent
 from sealegs.envs.robot import Robot
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.packets import ReplyError
-from sealegs.hw.registers import load_model
+from sealegs.hw.bus.packets import ReplyError
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.protocol import SYNC_READ, status_packet
 from sealegs.hw.virtual.rig import Rig, mounts
@@ -47,7 +47,7 @@ from benchmarks.speed import RESULTS
 COUNTS = (1, 3, 6, 12, 18)
 BAR = 0.95
 CYCLE = 0.05  # [s] in which a servo that stayed silent is asked again
-QUIET, LONGEST = 0.004, 0.05  # [s] without a byte, after a failure; as in sealegs.hw.port
+QUIET, LONGEST = 0.004, 0.05  # [s] without a byte, after a failure; as in sealegs.hw.bus.port
 FAIR = 0.3  # share of what the bytes allow that bare SDK calls must reach for a ratio to mean something
 BAUDRATE = 1_000_000
 GOAL, GOAL_BYTES, BLOCK, BLOCK_BYTES = 42, 2, 56, 15

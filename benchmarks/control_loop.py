@@ -36,15 +36,15 @@ import numpy as np
 from sealegs.common.errors import SealegsError
 from sealegs.common.processes import end_with_parent
 from sealegs.gap.log import read_measured
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.commands import Trajectory
-from sealegs.hw.loop import ControlLoop, Outcome
-from sealegs.hw.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
-from sealegs.hw.registers import load_model
-from sealegs.hw.robot import ServoRobot, nominal_joints
-from sealegs.hw.safety import Limits, Safety
-from sealegs.hw.stop import Stop
-from sealegs.hw.supervisor import Charge, Supervisor
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.supervisor import Charge, Supervisor
+from sealegs.hw.machine.robot import ServoRobot, nominal_joints
+from sealegs.hw.run.commands import Trajectory
+from sealegs.hw.run.loop import ControlLoop, Outcome
+from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts

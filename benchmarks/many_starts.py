@@ -27,13 +27,13 @@ from sealegs.agents.export import export_policy
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.commands import PolicyCommands, park_motion
-from sealegs.hw.comparison import compare, verdict
-from sealegs.hw.loop import ControlLoop
-from sealegs.hw.policy import Policy
-from sealegs.hw.robot import build_robot
-from sealegs.hw.safety import Limits, Safety
+from sealegs.evaluation.comparison import compare, verdict
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run.commands import PolicyCommands, park_motion
+from sealegs.hw.run.loop import ControlLoop
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 from sealegs.hw.virtual.simulated_port import SimulatedPort
 

@@ -27,12 +27,12 @@ from sealegs.agents.policy_files import load_policy
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
-from sealegs.hw.commands import PolicyCommands
-from sealegs.hw.loop import ControlLoop
-from sealegs.hw.observer import Observer
-from sealegs.hw.policy import Policy
-from sealegs.hw.robot import Reading, build_robot
-from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.machine.robot import Reading, build_robot
+from sealegs.hw.run.commands import PolicyCommands
+from sealegs.hw.run.loop import ControlLoop
+from sealegs.hw.run.observer import Observer
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 from sealegs.hw.virtual.machine import Machine
 

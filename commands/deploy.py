@@ -40,8 +40,8 @@ def main(arguments: list[str]) -> None:
     """Run what the command line names."""
     from ..configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
     from ..envs.robot_file import is_robot_file
-    from ..hw import deployment
-    from ..hw.own_robot import READERS
+    from ..hw.machine.own_robot import READERS
+    from ..hw.run import deployment
 
     given = split(arguments, PLAIN, _meant(arguments))
     if "robot" not in given and (robot := _robot_of_the_excitation(arguments)) is not None:
@@ -76,7 +76,7 @@ def _robot_of_the_excitation(arguments: Sequence[str]) -> str | None:
     Raises:
         SealegsError: the sidecar cannot be read.
     """
-    from ..hw.commands import robot_beside
+    from ..hw.run.commands import robot_beside
 
     words = [argument.partition("=")[2].strip("'\" ") for argument in arguments if argument.startswith("excitation=")]
     path = Path(words[-1] if words else "")

@@ -28,7 +28,7 @@ def main(arguments: list[str]) -> None:
     from ..configs.check import checked
     from ..configs.compose import compose, split
     from ..envs import PAPERS
-    from ..hw.own_robot import READERS
+    from ..hw.machine.own_robot import READERS
     from . import relevant
 
     if arguments and arguments[0] == relevant.WORD:
@@ -52,9 +52,9 @@ def main(arguments: list[str]) -> None:
 
 def compare_policy(config: dict[str, Any]) -> None:
     """Compare a policy in its models and on the machine."""
+    from ..evaluation.comparison import compare
+    from ..evaluation.files import write_comparison
     from ..gap.output.files import fresh_folder
-    from ..hw.comparison import compare
-    from ..hw.comparison_files import write_comparison
 
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = fresh_folder(Path(str(config["out"] or f"runs/comparison-{now}")))

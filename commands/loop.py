@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> None:
     """Run every step that is not done yet."""
     from ..configs.compose import compose, split
     from ..envs.robots import get_robot
-    from ..hw.own_robot import READERS
+    from ..hw.machine.own_robot import READERS
 
     given = split(arguments, PLAIN)
     config = compose("loop", given, readers=READERS)
@@ -184,7 +184,7 @@ def excite(
 
 def complete(out: Path, name: str) -> bool:
     """Whether a log is there and whole; one that a stop cut short is put aside."""
-    from ..hw.measured_log import read_events
+    from ..hw.run.measured_log import read_events
 
     log = out / "log" / f"{name}.csv"
     if not log.exists():
@@ -288,8 +288,8 @@ def keep(file: Path, config: Mapping[str, Any]) -> None:
 
 def tell(out: Path, folders: Mapping[str, Path]) -> None:
     """Print and draw the gap before and after."""
-    from ..hw.comparison_figures import told_error
-    from ..hw.comparison_picture import draw_gap
+    from ..evaluation.figures import told_error
+    from ..evaluation.picture import draw_gap
 
     documents = {name: read_json(folder / "comparison.json") for name, folder in folders.items()}
     heading("What came of it")

@@ -20,7 +20,7 @@ def main(arguments: list[str]) -> None:
     """Write the file that the command line names."""
     from ..envs.robot_yaml import write_robot_yaml
     from ..gap.log.types import OTHER
-    from ..hw.assumed_limits import assumed_limits
+    from ..hw.machine.assumed_limits import assumed_limits
 
     files = [argument for argument in arguments if "=" not in argument]
     given = dict(argument.split("=", 1) for argument in arguments if "=" in argument)

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from sealegs.agents.export import export_policy
-from sealegs.hw.policy import Policy
+from sealegs.hw.run.policy import Policy
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
 

@@ -14,8 +14,8 @@ from typing import Any
 from unittest.mock import patch
 
 from sealegs.commands import cli
-from sealegs.hw import bus as servo_bus
-from sealegs.hw import calibration
+from sealegs.hw.bus import servo_bus as servo_bus
+from sealegs.hw.machine import calibration
 from sealegs.hw.virtual import VirtualBus
 
 PORT = "port=/dev/ttyUSB0"

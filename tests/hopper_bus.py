@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sealegs.hw.bus import ServoBus
+from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual import VirtualBus
 
 

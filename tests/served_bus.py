@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from sealegs.envs.robots import get_robot
-from sealegs.hw.registers import load_model
+from sealegs.hw.bus.registers import load_model
 from sealegs.hw.virtual import protocol
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.protocol import Request

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sealegs.envs.robots import get_robot
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.registers import load_model
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 from sealegs.envs.robot import Robot
 from sealegs.envs.robots import get_robot
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.commands import Commands, Trajectory
-from sealegs.hw.connection import bus_watchdog
-from sealegs.hw.emergency import REASON as PRESSED
-from sealegs.hw.emergency import release
-from sealegs.hw.loop import ControlLoop, Outcome
-from sealegs.hw.measured_log import MeasuredLog, make_sidecar
-from sealegs.hw.packets import BusError
-from sealegs.hw.registers import load_model, ready_at
-from sealegs.hw.robot import ServoRobot, build_robot, nominal_joints
-from sealegs.hw.safety import Limits, Safety
-from sealegs.hw.stop import Stop
-from sealegs.hw.supervisor import Rest, Supervisor, bring_to_rest
+from sealegs.hw.bus.packets import BusError
+from sealegs.hw.bus.registers import load_model, ready_at
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.emergency import REASON as PRESSED
+from sealegs.hw.guard.emergency import release
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.supervisor import Rest, Supervisor, bring_to_rest
+from sealegs.hw.machine.robot import ServoRobot, build_robot, nominal_joints
+from sealegs.hw.run.commands import Commands, Trajectory
+from sealegs.hw.run.connection import bus_watchdog
+from sealegs.hw.run.loop import ControlLoop, Outcome
+from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts

@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.hw.adapters import UsbAdapter, Whereabouts, advice, plugged
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.in_charge import claims
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.packets import PortError
-from sealegs.hw.port import BusPort
-from sealegs.hw.supervisor import Charge, Line, Opening
-from sealegs.hw.take_over import Aftermath, bring_all_to_rest
+from sealegs.hw.bus.adapters import UsbAdapter, Whereabouts, advice, plugged
+from sealegs.hw.bus.packets import PortError
+from sealegs.hw.bus.port import BusPort
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.in_charge import claims
+from sealegs.hw.guard.supervisor import Charge, Line, Opening
+from sealegs.hw.guard.take_over import Aftermath, bring_all_to_rest
+from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.virtual import VirtualBus, protocol
 from sealegs.hw.virtual.server import Server
 

@@ -13,9 +13,9 @@ from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.envs.robot_yaml import AssumedLimits
-from sealegs.hw import deployment
-from sealegs.hw.assumed_limits import assumed_limits
-from sealegs.hw.own_robot import READERS, own_robot
+from sealegs.hw.machine.assumed_limits import assumed_limits
+from sealegs.hw.machine.own_robot import READERS, own_robot
+from sealegs.hw.run import deployment
 
 HAND = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="upper" pos="0 0 1">
 <joint name="shoulder" axis="0 1 0" range="-1.5 1.5" damping="0.2" armature="0.01"/>

@@ -13,7 +13,7 @@ import pytest
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.log import read_measured
-from sealegs.hw.measured_log import read_events
+from sealegs.hw.run.measured_log import read_events
 
 from benchmarks import bare_loop, bus, control_loop
 from benchmarks.bare_loop import spin

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.packets import (
+from sealegs.hw.bus.packets import (
     CorruptReplyError,
     NoReplyError,
     OverheatFault,
@@ -19,7 +18,8 @@ from sealegs.hw.packets import (
     UnpluggedError,
     VoltageFault,
 )
-from sealegs.hw.port import Echo
+from sealegs.hw.bus.port import Echo
+from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
 from sealegs.hw.virtual.server import Server

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from sealegs.hw.bus import ServoBus
+from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.server import Server
 

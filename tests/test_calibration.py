@@ -13,15 +13,15 @@ import pytest
 from sealegs.configs.compose import compose
 from sealegs.configs.script import run
 from sealegs.envs.robots import get_robot
-from sealegs.hw import calibration
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.calibration import guide, kept, unfinished, write_calibration
-from sealegs.hw.calibration_file import read_joints
-from sealegs.hw.joints import CalibrationError, Joint, Line, check_joints, nominal_joints
-from sealegs.hw.newest_calibration import newest
-from sealegs.hw.registers import load_model
-from sealegs.hw.robot import ServoRobot, build_robot
-from sealegs.hw.servo_state import ServoState
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.bus.servo_state import ServoState
+from sealegs.hw.machine import calibration
+from sealegs.hw.machine.calibration import guide, kept, unfinished, write_calibration
+from sealegs.hw.machine.calibration_file import read_joints
+from sealegs.hw.machine.joints import CalibrationError, Joint, Line, check_joints, nominal_joints
+from sealegs.hw.machine.newest_calibration import newest
+from sealegs.hw.machine.robot import ServoRobot, build_robot
 from sealegs.hw.virtual import VirtualBus
 
 from tests.waiting import wait_until
@@ -74,7 +74,7 @@ def calibrated(hand: Hand, robot=HOPPER) -> list[Joint]:
 
 
 def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     hand = Hand(
         [
             {7: 2500},  # the hip's servo is the one that moves
@@ -97,7 +97,7 @@ def test_a_person_is_guided_to_ids_zeros_directions_and_ranges(monkeypatch: pyte
 
 
 def test_a_joint_behind_a_gear_is_calibrated_in_its_own_units(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     settings = compose("calibrate", {"robot": "hexapod"})["robot"]
     robot, drawn = get_robot("hexapod"), build_robot(settings).joints[1]
     assert drawn.name == "leg0_vertical" and drawn.per_radian == 0.006, "a screw, 6 mm per radian"
@@ -125,7 +125,7 @@ def test_a_calibration_behind_other_gears_than_the_robots_file_names_is_refused(
 
 
 def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     script: list[dict[int, int | list[int]]] = [
         {7: 2050},
         {7: 2500, 3: 2500},
@@ -142,7 +142,7 @@ def test_it_asks_again_when_nothing_moved_or_two_joints_did(monkeypatch: pytest.
 
 
 def test_a_range_over_the_encoders_seam_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     hand = Hand([{1: 3900}, {1: 4000}, {1: [3900, 4000, 4090, 5, 90, 200]}], {1: 3900})
     with pytest.raises(CalibrationError, match="seam") as refusal:
         calibrated(hand, BENCH)
@@ -151,7 +151,7 @@ def test_a_range_over_the_encoders_seam_is_refused(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_joint_that_goes_all_the_way_round_is_refused_for_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     round_and_round = [step % 4096 for step in range(2000, 2000 + 4600, 200)]
     hand = Hand([{1: 2000}, {1: 2100}, {1: round_and_round}], {1: 2000})
     with pytest.raises(CalibrationError, match=r"went round by 1\.\d turns .* less than one turn"):
@@ -302,7 +302,7 @@ def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> Non
 @pytest.mark.long
 def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
-    monkeypatch.setattr("sealegs.hw.calibration.MOVED", 0.03)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.MOVED", 0.03)
     patient = 1.0  # [s] other programs may hold the machine for longer than a servo would take
     with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port, timeout=patient) as bus:
         answers: list[Callable[[], None]] = []
@@ -341,7 +341,7 @@ def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_calibration_that_is_stopped_keeps_the_joints_that_are_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sealegs.hw.calibration.PERIOD", 0.0)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     path = unfinished(tmp_path / "hopper-1.yaml", HOPPER)
     hip: list[dict[int, int | list[int]]] = [{7: 2500}, {7: 2100}, {7: 2000}, {7: sweep(2000, 3000)}]
     knee: list[dict[int, int | list[int]]] = [{3: 2048}, {3: 2200}, {3: sweep(2000, 2900)}]

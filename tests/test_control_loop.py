@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.log import LogError, read_measured
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.clock import Metronome
-from sealegs.hw.commands import PolicyCommands, Trajectory
-from sealegs.hw.connection import opened_port
-from sealegs.hw.deadman import DeadMan
-from sealegs.hw.loop import ControlLoop, Outcome
-from sealegs.hw.measured_log import SYNC, MeasuredLog, make_sidecar, read_events, recover
-from sealegs.hw.policy import Policy
-from sealegs.hw.robot import ServoRobot, build_robot
-from sealegs.hw.safety import Limits, Safety
-from sealegs.hw.stop import Stop
-from sealegs.hw.supervisor import bring_to_rest
+from sealegs.hw.bus.clock import Metronome
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.deadman import DeadMan
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.supervisor import bring_to_rest
+from sealegs.hw.machine.robot import ServoRobot, build_robot
+from sealegs.hw.run.commands import PolicyCommands, Trajectory
+from sealegs.hw.run.connection import opened_port
+from sealegs.hw.run.loop import ControlLoop, Outcome
+from sealegs.hw.run.measured_log import SYNC, MeasuredLog, make_sidecar, read_events, recover
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual import VirtualBus
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.in_process import bus_in_process
@@ -342,7 +342,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     fake = Clock()
-    monkeypatch.setattr("sealegs.hw.clock.time", fake)
+    monkeypatch.setattr("sealegs.hw.bus.clock.time", fake)
     return fake
 
 
@@ -377,7 +377,7 @@ def test_real_sleep_leaves_the_processor_alone(monkeypatch: pytest.MonkeyPatch) 
         return asked[-1]
 
     counted = SimpleNamespace(monotonic=monotonic, sleep=time.sleep, process_time=time.process_time)
-    monkeypatch.setattr("sealegs.hw.clock.time", counted)
+    monkeypatch.setattr("sealegs.hw.bus.clock.time", counted)
     metronome = Metronome(100.0)
     metronome.wait()
     for _ in range(30):
@@ -450,7 +450,7 @@ def test_rows_and_events_are_brought_to_the_disk_while_the_robot_moves(
         fsync(file)
 
     log = small_log(tmp_path, 3)
-    monkeypatch.setattr("sealegs.hw.measured_log.os.fsync", noted)
+    monkeypatch.setattr("sealegs.hw.run.measured_log.os.fsync", noted)
     wait_until(lambda: sum(path.endswith("run.csv") for path in synced) >= 3)
     monkeypatch.undo()
     log.close()
@@ -500,7 +500,7 @@ def test_a_full_disk_is_told_and_what_was_written_is_safe(tmp_path: Path, monkey
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patched:
-        patched.setattr("sealegs.hw.measured_log.os.write", full)
+        patched.setattr("sealegs.hw.run.measured_log.os.write", full)
         with pytest.raises(LogError, match="No space left"):
             log.write(1.0, np.zeros((1, 7)), (), (0.0, 0.0, 0.0), [0])
         log.event(1.0, "end")

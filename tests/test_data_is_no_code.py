@@ -25,7 +25,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run
 from sealegs.envs import known_id, registered_id
 from sealegs.envs.contract import KEY
-from sealegs.hw.policy import Policy
+from sealegs.hw.run.policy import Policy
 
 from tests.made_once import folder_made_once
 from tests.test_train import SMALL, SMALL_SAC

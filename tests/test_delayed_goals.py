@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw import deployment
-from sealegs.hw.commands import Trajectory
-from sealegs.hw.limits import Limits
-from sealegs.hw.robot import ServoRobot, build_robot
-from sealegs.hw.simulated import Recording, simulate
+from sealegs.hw.machine.limits import Limits
+from sealegs.hw.machine.robot import ServoRobot, build_robot
+from sealegs.hw.run import deployment
+from sealegs.hw.run.commands import Trajectory
+from sealegs.hw.run.simulated import Recording, simulate
 
 from tests.servo_runs import config
 

@@ -20,13 +20,13 @@ from sealegs.gap.checks.data_set import check_set, unusable
 from sealegs.gap.experiment.files import write_experiment
 from sealegs.gap.experiment.proposal import Experiment
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
-from sealegs.hw import deployment
-from sealegs.hw.commands import read_excitation, read_replay
-from sealegs.hw.limits import Limits
-from sealegs.hw.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
-from sealegs.hw.policy import Policy
-from sealegs.hw.robot import build_robot
-from sealegs.hw.unlike import unlike_the_factory
+from sealegs.hw.machine.limits import Limits
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.machine.unlike import unlike_the_factory
+from sealegs.hw.run import deployment
+from sealegs.hw.run.commands import read_excitation, read_replay
+from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
+from sealegs.hw.run.policy import Policy
 
 from tests.servo_runs import PATIENT, config, excitation, gentle_policy
 
@@ -146,8 +146,8 @@ def test_a_dry_run_prints_goals_and_leaves_no_log(
     policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[Any] = []
-    monkeypatch.setattr("sealegs.hw.bus.ServoBus.torque_on", lambda *a: told.append(a))
-    monkeypatch.setattr("sealegs.hw.bus.ServoBus.write_goals", lambda *a: told.append(a))
+    monkeypatch.setattr("sealegs.hw.bus.servo_bus.ServoBus.torque_on", lambda *a: told.append(a))
+    monkeypatch.setattr("sealegs.hw.bus.servo_bus.ServoBus.write_goals", lambda *a: told.append(a))
     assert run(f"policy={policy}", f"out={tmp_path / 'none'}", "dry_run=true") == 0
     shown = capsys.readouterr().out.splitlines()
     assert "no torque" in shown[0] and len(shown) == 2 + deployment.DRY_CYCLES

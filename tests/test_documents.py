@@ -36,7 +36,7 @@ ALLOWED = {
     "common/documents.py": "the reader itself",
     "gap/output/mjcf.py": "what MuJoCo wrote",
     "gap/output/robot_mjcf.py": "what MuJoCo wrote",
-    "hw/supervision.py": "what the loop says through its own pipe",
+    "hw/guard/supervision.py": "what the loop says through its own pipe",
 }
 """Files that may call a parser, and of what."""
 PARSERS = {

@@ -14,12 +14,8 @@ import pytest
 from sealegs.commands import deploy
 from sealegs.configs.script import run
 from sealegs.gap.log import read_measured
-from sealegs.hw import scan
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.connection import check_joint
-from sealegs.hw.dialects import READ, SYNC_READ
-from sealegs.hw.joints import Joint
-from sealegs.hw.packets import (
+from sealegs.hw.bus.dialects import READ, SYNC_READ
+from sealegs.hw.bus.packets import (
     ConfigurationError,
     NoReplyError,
     OverheatFault,
@@ -27,7 +23,11 @@ from sealegs.hw.packets import (
     RefusedError,
     WrongModelError,
 )
-from sealegs.hw.registers import load_model
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.machine import scan
+from sealegs.hw.machine.joints import Joint
+from sealegs.hw.run.connection import check_joint
 from sealegs.hw.virtual import protocol2
 from sealegs.hw.virtual.protocol import Request
 from sealegs.hw.virtual.server import Server

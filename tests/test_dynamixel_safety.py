@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw.commands import park_motion
-from sealegs.hw.packets import CorruptReplyError
+from sealegs.hw.bus.packets import CorruptReplyError
+from sealegs.hw.run.commands import park_motion
 
 from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine, when_torque_came_on
 

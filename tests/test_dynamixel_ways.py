@@ -15,12 +15,12 @@ from sealegs.configs.script import run
 from sealegs.envs.bench.robot import BENCH
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log import read_measured
-from sealegs.hw import calibration
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.calibration_file import read_joints
-from sealegs.hw.commands import Trajectory
-from sealegs.hw.registers import load_model
-from sealegs.hw.robot import ServoRobot
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.machine import calibration
+from sealegs.hw.machine.calibration_file import read_joints
+from sealegs.hw.machine.robot import ServoRobot
+from sealegs.hw.run.commands import Trajectory
 from sealegs.hw.virtual.server import Server
 
 from tests.simulated_dynamixels import RATE, wired
@@ -36,7 +36,7 @@ def test_a_joint_with_a_dynamixel_is_calibrated_by_hand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """``sealegs calibrate`` on the virtual bus; the servo's own motor stands in for the hand."""
-    monkeypatch.setattr("sealegs.hw.calibration.MOVED", 0.03)
+    monkeypatch.setattr("sealegs.hw.machine.calibration.MOVED", 0.03)
     buses: list[ServoBus] = []
     readings: list[int] = []
     scan, read = ServoBus.scan, ServoBus.read_register
@@ -50,7 +50,7 @@ def test_a_joint_with_a_dynamixel_is_calibrated_by_hand(
         return value
 
     patient = functools.partial(ServoBus, timeout=1.0)  # other programs may hold the machine for longer than a servo
-    monkeypatch.setattr("sealegs.hw.bus.ServoBus", patient)
+    monkeypatch.setattr("sealegs.hw.bus.servo_bus.ServoBus", patient)
     monkeypatch.setattr(ServoBus, "scan", near)
     monkeypatch.setattr(ServoBus, "read_register", counted)
 

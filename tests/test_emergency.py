@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.log import LogError
-from sealegs.hw import realtime as module
-from sealegs.hw.buses import BusGroup
-from sealegs.hw.emergency import emergency_stop
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.packets import UnpluggedError
-from sealegs.hw.realtime import realtime
-from sealegs.hw.safety import Fault
+from sealegs.hw.bus.buses import BusGroup
+from sealegs.hw.bus.packets import UnpluggedError
+from sealegs.hw.guard.emergency import emergency_stop
+from sealegs.hw.guard.safety import Fault
+from sealegs.hw.run import realtime as module
+from sealegs.hw.run.measured_log import read_events
+from sealegs.hw.run.realtime import realtime
 
 from tests.simulated_runs import Simulation
 from tests.test_two_adapters import Both
@@ -217,7 +217,7 @@ def test_a_log_that_fails_with_the_fault_does_not_take_its_place(
                 simulation.fault("overheat")
 
     simulation.loop.each_cycle = broken
-    monkeypatch.setattr("sealegs.hw.loop.write_cycle", full)
+    monkeypatch.setattr("sealegs.hw.run.loop.write_cycle", full)
     outcome = simulation.run(2.0)
     name = {"overheat": "OverheatFault", "unplug": "UnpluggedError", "goal": "goal"}[fault]
     assert outcome.fault is not None and outcome.fault.name == name

@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 from sealegs.common.errors import SealegsError
-from sealegs.hw import deployment
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.clock import Metronome, Timing
-from sealegs.hw.deployment import Run, prepare
-from sealegs.hw.emergency import emergency_stop, release
-from sealegs.hw.outcome import Outcome
-from sealegs.hw.stop import Stop
-from sealegs.hw.supervisor import Charge, Supervisor
+from sealegs.hw.bus.clock import Metronome, Timing
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.emergency import emergency_stop, release
+from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.supervisor import Charge, Supervisor
+from sealegs.hw.run import deployment
+from sealegs.hw.run.deployment import Run, prepare
+from sealegs.hw.run.outcome import Outcome
 from sealegs.hw.virtual import VirtualBus
 
 from tests.servo_runs import config

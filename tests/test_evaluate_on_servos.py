@@ -10,12 +10,12 @@ import pytest
 from sealegs.commands.evaluate import PLAIN
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
-from sealegs.hw import deployment
-from sealegs.hw.clock import Metronome
-from sealegs.hw.comparison import compare
-from sealegs.hw.deployment import Deployment, NotAtRestError, Run
-from sealegs.hw.outcome import Outcome
-from sealegs.hw.safety import Fault
+from sealegs.evaluation.comparison import compare
+from sealegs.hw.bus.clock import Metronome
+from sealegs.hw.guard.safety import Fault
+from sealegs.hw.run import deployment
+from sealegs.hw.run.deployment import Deployment, NotAtRestError, Run
+from sealegs.hw.run.outcome import Outcome
 
 from tests.servo_runs import gentle_policy
 

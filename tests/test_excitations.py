@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sealegs.configs.compose import compose
 from sealegs.gap.experiment import library
-from sealegs.hw.excitation import library_excitation
-from sealegs.hw.robot import build_robot
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run.excitation import library_excitation
 
 
 @pytest.mark.parametrize("word", ["multisine", "steps", "fast_steps"])

@@ -17,7 +17,7 @@ from sealegs.agents.policy_files import describe, save_policy
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
 from sealegs.envs.sb3 import BatchVecEnv
-from sealegs.hw.policy import Policy
+from sealegs.hw.run.policy import Policy
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -140,5 +140,5 @@ def test_a_file_without_contract_or_with_a_damaged_one_is_refused(tmp_path: Path
 
 @pytest.mark.long
 def test_running_a_policy_needs_no_torch() -> None:
-    code = "import sys, sealegs.hw.policy; sys.exit('torch' in sys.modules or 'stable_baselines3' in sys.modules)"
+    code = "import sys, sealegs.hw.run.policy; sys.exit('torch' in sys.modules or 'stable_baselines3' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY).returncode == 0

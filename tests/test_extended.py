@@ -104,7 +104,7 @@ def test_an_environment_moves_as_the_extended_replay(name: str, nominal: np.ndar
 def test_a_log_that_misreads_the_machine_is_to_be_corrected_before_its_model_is_used(tmp_path: Path) -> None:
     """It stood in a comment of the file: the policy was trained as if the log had been right."""
     from sealegs.agents.config import read_config
-    from sealegs.hw.robot import extended_robot
+    from sealegs.hw.machine.robot import extended_robot
 
     extended, _ = diagnosed({"host.offset": 0.1, "host.scale": 1.2})
     assert {change.owner for change in extended.changes} == {"log"}
@@ -210,7 +210,7 @@ def test_training_keeps_chains_and_numbers_of_the_diagnosis_in_its_config(tmp_pa
 
 
 def test_a_servo_robot_is_taken_for_what_the_diagnosis_found(tmp_path: Path) -> None:
-    from sealegs.hw.robot import extended_robot
+    from sealegs.hw.machine.robot import extended_robot
 
     extended, _ = diagnosed({"load.mass_factor": 1.5, "friction.coulomb": 0.1})
     write_extended(extended, tmp_path)

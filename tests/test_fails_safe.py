@@ -16,18 +16,18 @@ from sealegs.commands import deploy
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.commands import Trajectory, park_motion
-from sealegs.hw.emergency import emergency_stop
-from sealegs.hw.following import ability
-from sealegs.hw.live import picture
-from sealegs.hw.loop import ControlLoop
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.realtime import realtime
-from sealegs.hw.robot import build_robot
-from sealegs.hw.safety import Limits, Safety
-from sealegs.hw.stop import Stop
-from sealegs.hw.supervisor import Charge, Supervisor
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.emergency import emergency_stop
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.supervisor import Charge, Supervisor
+from sealegs.hw.machine.following import ability
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run.commands import Trajectory, park_motion
+from sealegs.hw.run.live import picture
+from sealegs.hw.run.loop import ControlLoop
+from sealegs.hw.run.measured_log import read_events
+from sealegs.hw.run.realtime import realtime
 from sealegs.hw.virtual import VirtualBus
 
 from tests.servo_runs import PATIENT, config
@@ -306,7 +306,7 @@ def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_me
 ) -> None:
     (tmp_path / "ttyUSB7").mkdir()
     (tmp_path / "ttyUSB7" / "latency_timer").write_text("16")
-    monkeypatch.setattr("sealegs.hw.pace.DEVICES", tmp_path)
+    monkeypatch.setattr("sealegs.hw.run.pace.DEVICES", tmp_path)
     simulation = Simulation(latency=0.016)
     simulation.bus.port = "/dev/ttyUSB7"
     simulation.run(1.0)
@@ -385,7 +385,7 @@ def test_a_disk_that_takes_half_a_row_leaves_a_log_that_reads_back(
         left[0] -= taken
         return taken
 
-    monkeypatch.setattr("sealegs.hw.measured_log.os.write", filling)
+    monkeypatch.setattr("sealegs.hw.run.measured_log.os.write", filling)
     outcome = simulation.run(10.0)
     monkeypatch.undo()
     assert outcome.fault is not None and outcome.fault.name == "LogError" and "No space left" in outcome.fault.sentence

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from sealegs.envs.contract import start_pose
 from sealegs.gap.log import read_measured
-from sealegs.hw.commands import PolicyCommands, Reference, park_motion
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.policy import Policy
-from sealegs.hw.robot import build_robot
-from sealegs.hw.supervisor import Rest
+from sealegs.hw.guard.supervisor import Rest
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run.commands import PolicyCommands, Reference, park_motion
+from sealegs.hw.run.measured_log import read_events
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.faults import Fault
 
 from tests.committed_policies import committed

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.hw.commands import Trajectory
-from sealegs.hw.following import Ability, Following
+from sealegs.hw.machine.following import Ability, Following
+from sealegs.hw.run.commands import Trajectory
 
 from tests.simulated_runs import Simulation, sine
 

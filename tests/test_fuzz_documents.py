@@ -35,10 +35,10 @@ from sealegs.gap.log.importers.formats import read_source
 from sealegs.gap.log.importers.mapping import converted, read_mapping
 from sealegs.gap.log.importers.recording import Recording
 from sealegs.gap.log.reader import read_measured
-from sealegs.hw.calibration_file import read_joints
-from sealegs.hw.policy import Policy
-from sealegs.hw.registers import load_model
-from sealegs.hw.robot import ServoRobot, build_robot
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.machine.calibration_file import read_joints
+from sealegs.hw.machine.robot import ServoRobot, build_robot
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.faults import read_faults
 from sealegs.hw.virtual.hidden import hide
 

@@ -17,7 +17,7 @@ from sealegs.agents.policy_files import load_policy
 from sealegs.agents.traced import ROWS, Traced, TracingError
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import make_contract, start_pose
-from sealegs.hw.policy import Policy
+from sealegs.hw.run.policy import Policy
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
 KINDS = ("hopper", "biped", "biped_hopping", "hexapod", "leg", "arm")

@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from sealegs.envs.robots import get_robot
-from sealegs.hw.comparison import gap_of, verdict
-from sealegs.hw.registers import load_model
-from sealegs.hw.robot import ServoRobot, nominal_joints
+from sealegs.evaluation.comparison import gap_of, verdict
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.machine.robot import ServoRobot, nominal_joints
 
 
 def bench() -> ServoRobot:

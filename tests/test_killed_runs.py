@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw.measured_log import read_events
+from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.virtual import VirtualBus
 
 from tests.hopper_bus import hopper_bus, left_clean

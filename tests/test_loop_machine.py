@@ -10,7 +10,7 @@ import yaml
 from sealegs.agents.config import read_config
 from sealegs.commands import deploy, diagnose, evaluate, loop, train
 from sealegs.configs.compose import compose, split
-from sealegs.hw.own_robot import READERS
+from sealegs.hw.machine.own_robot import READERS
 
 SHORT = ["excitations=[chirp]", "loads=[{mass:0.3,length:0.1}]"]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from sealegs.commands import loop
-from sealegs.hw import comparison_picture
+from sealegs.evaluation import picture as comparison_picture
 
 TURNS, SLIDES = "position error, same goals [mrad]", "position error, same goals [mm]"
 ROBOTS = {

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw import pace
-from sealegs.hw.commands import Reference, read_replay
-from sealegs.hw.dialects import Reply
-from sealegs.hw.packets import NoReplyError, ShortReplyError, StaleReplyError, StalledError
-from sealegs.hw.registers import load_model
-from sealegs.hw.simulated import recorded
+from sealegs.hw.bus.dialects import Reply
+from sealegs.hw.bus.packets import NoReplyError, ShortReplyError, StaleReplyError, StalledError
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.run import pace
+from sealegs.hw.run.commands import Reference, read_replay
+from sealegs.hw.run.simulated import recorded
 
 from tests.simulated_runs import Simulation, sine
 

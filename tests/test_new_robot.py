@@ -12,8 +12,8 @@ from sealegs.envs.robot import RobotError
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log.types import OTHER
-from sealegs.hw.own_robot import READERS
-from sealegs.hw.robot import build_robot
+from sealegs.hw.machine.own_robot import READERS
+from sealegs.hw.machine.robot import build_robot
 
 ARM = """<mujoco><compiler angle="{angle}"/><worldbody><body><joint name="j" axis="0 1 0" {joint}/>
 <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/></body></worldbody>

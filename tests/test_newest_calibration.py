@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from sealegs.hw.joints import CalibrationError
-from sealegs.hw.newest_calibration import newest
+from sealegs.hw.machine.joints import CalibrationError
+from sealegs.hw.machine.newest_calibration import newest
 
 OLD, NEW = "2026-03-01T10:00:00+01:00", "2026-04-01T10:00:00+02:00"
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from sealegs.hw.comparison import NOMINAL_MACHINE, hides_nothing
-from sealegs.hw.comparison_page import headline
+from sealegs.evaluation.comparison import NOMINAL_MACHINE, hides_nothing
+from sealegs.evaluation.page import headline
 
 from benchmarks.many_starts import FILE, gap, hidden_gap, well
 from tests.committed_policies import POLICIES, committed

@@ -11,9 +11,9 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import make_contract, start_pose
 from sealegs.envs.sb3 import BatchVecEnv
-from sealegs.hw.observer import Observer
-from sealegs.hw.policy import Policy
-from sealegs.hw.robot import Reading, build_robot
+from sealegs.hw.machine.robot import Reading, build_robot
+from sealegs.hw.run.observer import Observer
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 
 from tests.servo_runs import config, gentle_policy

@@ -14,11 +14,11 @@ from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
 from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
-from sealegs.hw import deployment
-from sealegs.hw.calibration import write_calibration
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.own_robot import READERS
-from sealegs.hw.robot import build_robot
+from sealegs.hw.machine.calibration import write_calibration
+from sealegs.hw.machine.own_robot import READERS
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run import deployment
+from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.virtual.machine import Machine
 
 ROBOTS = Path(__file__).parent / "robots"

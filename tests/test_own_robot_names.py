@@ -12,11 +12,11 @@ import yaml
 from sealegs.commands import cli, deploy, new_robot
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
-from sealegs.hw import deployment
-from sealegs.hw.connection import opened_bus, opened_port
-from sealegs.hw.limits import Limits
-from sealegs.hw.own_robot import READERS
-from sealegs.hw.robot import ServoRobot, build_robot
+from sealegs.hw.machine.limits import Limits
+from sealegs.hw.machine.own_robot import READERS
+from sealegs.hw.machine.robot import ServoRobot, build_robot
+from sealegs.hw.run import deployment
+from sealegs.hw.run.connection import opened_bus, opened_port
 
 from tests.servo_runs import PATIENT, gentle_policy
 

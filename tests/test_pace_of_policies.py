@@ -12,14 +12,14 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
-from sealegs.hw import deployment
-from sealegs.hw.clock import Timing
-from sealegs.hw.commands import PolicyCommands
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.outcome import Outcome
-from sealegs.hw.pace import not_kept
-from sealegs.hw.policy import Policy, PolicyError
-from sealegs.hw.robot import build_robot
+from sealegs.hw.bus.clock import Timing
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run import deployment
+from sealegs.hw.run.commands import PolicyCommands
+from sealegs.hw.run.measured_log import read_events
+from sealegs.hw.run.outcome import Outcome
+from sealegs.hw.run.pace import not_kept
+from sealegs.hw.run.policy import Policy, PolicyError
 from sealegs.hw.virtual.in_process import bus_in_process
 
 from tests.servo_runs import gentle_policy

@@ -229,7 +229,7 @@ import sealegs.hw.bus
 from sealegs.commands.cli import main
 from sealegs.hw.virtual import VirtualBus
 
-class Bus(sealegs.hw.bus.ServoBus):
+class Bus(sealegs.hw.bus.servo_bus.ServoBus):
     def __init__(self, *arguments):
         super().__init__(*arguments, timeout=1.0)  # a busy computer is no fault of the package
         opened.append(self)
@@ -244,7 +244,7 @@ def pushed(*angles):
         virtual.advance(1.0)
 
 opened, moves = [], [(0.0,), (0.5,), (-0.8, 0.8)]
-sealegs.hw.bus.ServoBus = Bus
+sealegs.hw.bus.servo_bus.ServoBus = Bus
 builtins.input = lambda question: pushed(*moves.pop(0)) or ""
 with VirtualBus(time="stepped", cycle=0.0) as virtual:
     sys.exit(main(["calibrate", f"port={virtual.port}", "out=calibrations/own.yaml"]))

@@ -25,8 +25,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.robots import get_robot
 from sealegs.gap.causes.registry import ENTRIES
 from sealegs.gap.log.writer import write_run
-from sealegs.hw.own_robot import own_robot
-from sealegs.hw.registers import load_model, model_names
+from sealegs.hw.bus.registers import load_model, model_names
+from sealegs.hw.machine.own_robot import own_robot
 
 from testbed import hidden_bench, nominal_chain
 from tests.doc_blocks import REPOSITORY, blocks

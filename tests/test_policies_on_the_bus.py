@@ -7,8 +7,8 @@ import json
 import pytest
 from sealegs.configs.compose import compose
 from sealegs.envs import ENVIRONMENTS
-from sealegs.hw.robot import build_robot
-from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.virtual.__main__ import build
 
 from benchmarks.policies_on_the_bus import on_the_bus

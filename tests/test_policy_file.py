@@ -13,12 +13,12 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import KEY, ContractError
-from sealegs.hw import policy as policy_module
-from sealegs.hw.commands import PolicyCommands
-from sealegs.hw.comparison import compare
-from sealegs.hw.deployment import prepare
-from sealegs.hw.policy import Policy, PolicyError
-from sealegs.hw.robot import build_robot
+from sealegs.evaluation.comparison import compare
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run import policy as policy_module
+from sealegs.hw.run.commands import PolicyCommands
+from sealegs.hw.run.deployment import prepare
+from sealegs.hw.run.policy import Policy, PolicyError
 
 from tests.servo_runs import config, gentle_policy
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
-from sealegs.hw.packets import NoReplyError
-from sealegs.hw.robot import Reading, build_robot
-from sealegs.hw.safety import Fault, Limits, Safety
-from sealegs.hw.servo_state import ServoState
+from sealegs.hw.bus.packets import NoReplyError
+from sealegs.hw.bus.servo_state import ServoState
+from sealegs.hw.guard.safety import Fault, Limits, Safety
+from sealegs.hw.machine.robot import Reading, build_robot
 
 CONFIG: dict[str, Any] = compose("deploy", {"robot": "hopper"})["robot"]
 PERIOD = 0.01

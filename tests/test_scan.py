@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run
-from sealegs.hw import scan
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.packets import NoReplyError, NotWrittenError
-from sealegs.hw.registers import load_model
+from sealegs.hw.bus.packets import NoReplyError, NotWrittenError
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.machine import scan
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.simulated_port import SimulatedPort

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 from sealegs.envs.robots import get_robot
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.dialects import READ, SYNC_READ
-from sealegs.hw.packets import NoReplyError
-from sealegs.hw.registers import load_model
-from sealegs.hw.scan import rows
+from sealegs.hw.bus.dialects import READ, SYNC_READ
+from sealegs.hw.bus.packets import NoReplyError
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.machine.scan import rows
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.simulated_port import SimulatedPort

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
-from sealegs.hw.commands import Reference
-from sealegs.hw.joints import CalibrationError, Sensor
-from sealegs.hw.own_robot import own_robot
-from sealegs.hw.robot import build_robot
+from sealegs.hw.machine.joints import CalibrationError, Sensor
+from sealegs.hw.machine.own_robot import own_robot
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run.commands import Reference
 
 
 def hopper(row: Any) -> tuple[Sensor, ...]:

@@ -12,9 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.connection import check_joint
-from sealegs.hw.packets import (
+from sealegs.hw.bus.packets import (
     ClosedError,
     ConfigurationError,
     CorruptReplyError,
@@ -25,8 +23,10 @@ from sealegs.hw.packets import (
     StalledError,
     WrongModelError,
 )
-from sealegs.hw.registers import load_model, model_names
-from sealegs.hw.robot import Joint
+from sealegs.hw.bus.registers import load_model, model_names
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.machine.robot import Joint
+from sealegs.hw.run.connection import check_joint
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.simulated_port import SimulatedPort

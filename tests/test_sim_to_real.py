@@ -10,19 +10,12 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators import load_chain
+from sealegs.evaluation.comparison import MACHINE, Comparison, compare, find_departures, table, verdict
+from sealegs.evaluation.figures import hop_height, measure, strongest_frequency
+from sealegs.evaluation.files import columns, write_comparison
 from sealegs.gap.log import read_measured
-from sealegs.hw.comparison import (
-    MACHINE,
-    Comparison,
-    compare,
-    find_departures,
-    table,
-    verdict,
-)
-from sealegs.hw.comparison_figures import hop_height, measure, strongest_frequency
-from sealegs.hw.comparison_files import columns, write_comparison
-from sealegs.hw.robot import build_robot
-from sealegs.hw.simulated import Recording
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run.simulated import Recording
 
 from tests.servo_runs import config, gentle_policy
 

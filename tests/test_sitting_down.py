@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw.commands import Reference, Trajectory, park_motion
-from sealegs.hw.deployment import prepare
-from sealegs.hw.live import picture
-from sealegs.hw.measured_log import read_events
+from sealegs.hw.run.commands import Reference, Trajectory, park_motion
+from sealegs.hw.run.deployment import prepare
+from sealegs.hw.run.live import picture
+from sealegs.hw.run.measured_log import read_events
 
 from benchmarks import many_starts
 from tests.committed_policies import POLICIES, committed

@@ -12,14 +12,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sealegs.hw.alarm import Alarm
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.hold_watch import HoldWatch
-from sealegs.hw.in_charge import InCharge
-from sealegs.hw.packets import PortBusyError, PortError
-from sealegs.hw.supervision import End, watch
-from sealegs.hw.supervisor import ASKING, BEAT, DONE, HELD, READY, RELEASE, RESTING, STARTING, Bearable, Charge, Line
-from sealegs.hw.take_over import Aftermath, bring_all_to_rest
+from sealegs.common.alarm import Alarm
+from sealegs.hw.bus.packets import PortBusyError, PortError
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.hold_watch import HoldWatch
+from sealegs.hw.guard.in_charge import InCharge
+from sealegs.hw.guard.supervision import End, watch
+from sealegs.hw.guard.supervisor import (
+    ASKING,
+    BEAT,
+    DONE,
+    HELD,
+    READY,
+    RELEASE,
+    RESTING,
+    STARTING,
+    Bearable,
+    Charge,
+    Line,
+)
+from sealegs.hw.guard.take_over import Aftermath, bring_all_to_rest
 
 from tests.simulated_runs import Simulation
 
@@ -340,7 +352,7 @@ def ended(words: bytes, closed: bool = True, starting: Callable[[], None] = lamb
 
 
 def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sealegs.hw.supervision.PATIENT", 0.05)
+    monkeypatch.setattr("sealegs.hw.guard.supervision.PATIENT", 0.05)
     for words in (STARTING, STARTING + BEAT, RESTING):
         end = ended(words, closed=False)
         assert end is not None and end.hangs and "silent for 0.0" in end.why and "policy" not in end.why

@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 from sealegs.gap.log import read_measured
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.packets import BusError, NoReplyError
-from sealegs.hw.supervisor import bring_to_rest
+from sealegs.hw.bus.packets import BusError, NoReplyError
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.supervisor import bring_to_rest
+from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.virtual import VirtualBus
 
 from tests.hopper_bus import hopper_bus, left_clean
@@ -187,7 +187,7 @@ def test_an_adapter_that_stays_away_leaves_torque_on_and_that_is_said(virtual: V
 @pytest.mark.long
 def test_the_supervisor_ends_with_its_loop_and_its_own_end_is_noticed() -> None:
     code = (
-        "import os, signal, time\nfrom sealegs.hw.supervisor import Charge, Supervisor\n"
+        "import os, signal, time\nfrom sealegs.hw.guard.supervisor import Charge, Supervisor\n"
         "s = Supervisor(Charge('/dev/null', 1000000, 'sts3215', 0.02, [1], 'release', 1.0, os.getpid()))\n"
         "print(s.beat()); s.dismiss(); print(s.alive)\n"
         "s = Supervisor(Charge('/dev/null', 1000000, 'sts3215', 0.02, [1], 'release', 1.0, os.getpid()))\n"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 from sealegs.gap.log import LogError
-from sealegs.hw import measured_log
-from sealegs.hw.measured_log import MeasuredLog, make_sidecar
+from sealegs.hw.run import measured_log
+from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar
 
 OTHERS = "of another run"
 

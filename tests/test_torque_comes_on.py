@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from sealegs.hw.deadman import LET_GO, DeadMan
+from sealegs.hw.guard.deadman import LET_GO, DeadMan
 
 from tests.simulated_runs import Simulation
 

@@ -13,16 +13,16 @@ from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log import read_measured
-from sealegs.hw import connection
-from sealegs.hw.address import Address
-from sealegs.hw.bus import ServoBus
-from sealegs.hw.buses import BusGroup
-from sealegs.hw.loop import ControlLoop
-from sealegs.hw.measured_log import read_events
-from sealegs.hw.outcome import Outcome
-from sealegs.hw.registers import ready_at
-from sealegs.hw.robot import build_robot
-from sealegs.hw.safety import Limits, Safety
+from sealegs.hw.bus.address import Address
+from sealegs.hw.bus.buses import BusGroup
+from sealegs.hw.bus.registers import ready_at
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.run import connection
+from sealegs.hw.run.loop import ControlLoop
+from sealegs.hw.run.measured_log import read_events
+from sealegs.hw.run.outcome import Outcome
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.robots import get_robot
-from sealegs.hw.packets import Status
+from sealegs.hw.bus.packets import Status
 from sealegs.hw.virtual import protocol
 from sealegs.hw.virtual.faults import Fault
 from sealegs.hw.virtual.machine import Machine

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from ..packets import HARDWARE_ERRORS, Status
-from ..registers import Register, ServoModel
+from ..bus.packets import HARDWARE_ERRORS, Status
+from ..bus.registers import Register, ServoModel
 from . import protocol
 from . import protocol2 as wire
 from .firmware import OFF, ON, RESET_VOLTAGE, Firmware, share
@@ -234,7 +234,7 @@ class DynamixelServo(Firmware):
             self.boot(now)
 
     def status(self, now: float) -> int:
-        """Its faults as bits of :class:`~sealegs.hw.packets.Status`; each stays until a restart (assumed of all)."""
+        """Its faults as bits of :class:`~sealegs.hw.bus.packets.Status`; each stays until a restart (assumed of all)."""
         del now
         bits = self.get("hardware_error_status")
         if self.outside(self.sensors.voltage):

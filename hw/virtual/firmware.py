@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..registers import BYTE_ORDER, ServoModel
+from ..bus.registers import BYTE_ORDER, ServoModel
 
 TICK = 0.005  # [s] between two looks at protection, velocity and temperature; assumed
 VELOCITY_TICKS = 4  # velocity is the encoder's difference over so many; assumed

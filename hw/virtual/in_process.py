@@ -11,9 +11,9 @@ from typing import Any
 from ...common.errors import SealegsError
 from ...configs.check import checked, checked_seed
 from ...envs.robots import get_robot
-from ..bus import ServoBus
-from ..registers import ServoModel, load_model, ready_at
-from ..robot import ServoRobot
+from ..bus.registers import ServoModel, load_model, ready_at
+from ..bus.servo_bus import ServoBus
+from ..machine.robot import ServoRobot
 from .faults import Fault, read_faults
 from .machine import Machine
 from .rig import Held, Rig, mounts

@@ -23,7 +23,7 @@ class VirtualBus:
     another process can still reach them, and then end too.
 
     Attributes:
-        port: path to give to :class:`sealegs.hw.bus.ServoBus` or to any other client.
+        port: path to give to :class:`sealegs.hw.bus.servo_bus.ServoBus` or to any other client.
         control_path: of the control socket, for another process.
         ports: paths by name of the line; "" is the first.
     """

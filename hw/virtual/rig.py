@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from ...common.errors import SealegsError, nearest
-from ..registers import ServoModel
+from ..bus.registers import ServoModel
 from .dynamixel import DynamixelServo
 from .firmware import OFF, TICK
 from .machine import SHORTEST_STEP, Machine

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from ..packets import Status
-from ..registers import ServoModel
+from ..bus.packets import Status
+from ..bus.registers import ServoModel
 from . import protocol
 from .firmware import OFF, ON, RESET_VOLTAGE, Firmware, share
 from .machine import Drive

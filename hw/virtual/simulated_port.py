@@ -10,8 +10,8 @@ import errno
 import heapq
 import threading
 
-from ..alarm import to_stderr
-from ..port import WAIT, BusPort, Echo
+from ...common.alarm import to_stderr
+from ..bus.port import WAIT, BusPort, Echo
 from .faults import first
 from .wire import Wire
 
@@ -34,7 +34,7 @@ class SimulatedClock:
 
 
 class SimulatedPort(BusPort):
-    """The port of a :class:`~sealegs.hw.bus.ServoBus` (``opened=``), and the clock of its loop.
+    """The port of a :class:`~sealegs.hw.bus.servo_bus.ServoBus` (``opened=``), and the clock of its loop.
 
     Attributes:
         wire: servos and their line.

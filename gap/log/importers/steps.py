@@ -15,11 +15,11 @@ TICKS, PERCENT = "ticks", "percent"
 """Words of ``unit=`` that no column is converted by alone: a turn and a zero, or a range belong to them."""
 TURN, ZERO = 4096, 2048
 """Steps of a turn and the step at 0 rad that ``unit=ticks`` takes: of Feetech STS and Dynamixel X servos (their
-registers in hw/registers), mounted with 0 rad in the middle (assumed)."""
+registers in hw/bus/registers), mounted with 0 rad in the middle (assumed)."""
 REGISTER = 32768.0
 """Steps that a register of 16 bits with a sign does not hold."""
 FEW = 1023
-"""Largest step of a servo that has 1024 of them over 300 degrees (hw/registers/scs0009.yaml)."""
+"""Largest step of a servo that has 1024 of them over 300 degrees (hw/bus/registers/scs0009.yaml)."""
 WHOLE_TURN = 360.0
 """Whole numbers beyond this are hardly degrees."""
 WITHIN = 2.0

@@ -1,0 +1,1 @@
+"""What ends a run safely: limits, stops of people, and the process that outlives the control loop."""

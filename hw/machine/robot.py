@@ -1,0 +1,318 @@
+"""A robot as the host sees it: which servo is which joint, where its zero is, which way it counts, how far it goes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...actuators import Chain, load_chain
+from ...configs.check import checked
+from ...envs.base import BaseLayout
+from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
+from ...envs.extended import read_extended
+from ...envs.position_goals import check_position_goals, torque_driven
+from ...envs.robot import Robot
+from ...envs.robots import ROBOTS, get_robot
+from ..bus.registers import ServoModel, load_model
+from ..bus.servo_state import ServoState
+from .calibration_file import read_joints
+from .chain_names import told_chains
+from .joints import (
+    Joint,
+    Sensor,
+    check_gears,
+    check_joints,
+    checked_gears,
+    nominal_joints,
+    read_lines,
+    read_sensors,
+    table,
+)
+from .reading import Reading
+
+
+class ServoRobot:
+    """A robot of ``envs`` with a servo on each joint.
+
+    Attributes:
+        robot: without its actuators.
+        params: its numbers, where they are not the robot's own.
+        servo: model of the servos.
+        joints: in the order of goals.
+        chains: chain that each servo is believed to be.
+        belief: the same as a log's sidecar names it: a name, or stages.
+        ids: of the servos, in the order of joints.
+        measures_links: whether the far sides of springs have encoders of their own.
+        registers: counts that the servos were set up with, by name.
+        sensors: encoders that drive nothing; of the base in the order of the simulation's coordinates.
+        all_ids: of the servos, and behind them of the sensors.
+        names: of the joints.
+        model_names: what the robot's model calls them; of a belt over several joints its own name.
+        low, high: range of each joint (k,) [rad or m].
+        resolution: how far what a servo of ``all_ids`` measures goes in a step of its encoder [rad or m].
+        units: of the joints, rad or m.
+        lines: buses that its servos are on, the first one first.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        params: Mapping[str, float],
+        servo: ServoModel,
+        joints: Sequence[Joint],
+        belief: Mapping[str, Any],
+        sensors: Sequence[Sensor] = (),
+        registers: Mapping[str, int] | None = None,
+    ) -> None:
+        """Put the parts together.
+
+        Raises:
+            CalibrationError: two joints have one id, or a joint has a range that its servo or the robot cannot reach.
+            RobotError: a chain takes torques, which no servo is sent.
+        """
+        self.robot, self.params, self.servo, self.joints = robot, dict(params), servo, tuple(joints)
+        self.belief, self.registers = dict(belief), dict(registers or {})
+        self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
+        check_position_goals(robot, self.chains, "a servo takes")
+        check_joints(self.joints, robot, servo, self.params)
+        self.ids = [joint.address for joint in self.joints]
+        self.sensors = tuple(sensors)
+        self.all_ids = [*self.ids, *(sensor.address for sensor in self.sensors)]
+        used = {item.line.number: item.line for item in (*self.joints, *self.sensors)}
+        self.lines = tuple(used[number] for number in sorted(used))
+        self.names = [joint.name for joint in self.joints]
+        self.model_names = [c.terms[0][0] if len(c.terms) == 1 else c.name for c in robot.coordinates]
+        links = {sensor.name: k for k, sensor in enumerate(self.sensors, len(self.joints))}
+        self._links = [links.get(f"{name}.link", k) for k, name in enumerate(self.names)]
+        self.measures_links = all(f"{name}.link" in links for name in self.names)
+        self.base_names = [sensor.name for sensor in self.sensors if not sensor.name.endswith(".link")]
+        self._base = [k for k, sensor in enumerate(self.sensors, len(self.joints)) if sensor.name in self.base_names]
+        self.low = np.array([joint.low for joint in self.joints])
+        self.high = np.array([joint.high for joint in self.joints])
+        mounted = [*self.joints, *self.sensors]
+        models = [item.line.model(servo) for item in mounted]
+        self._zeros = np.array([(item.zero - m.centre) * m.step for item, m in zip(mounted, models, strict=True)])
+        self._scales = np.array(
+            [*(j.direction * j.per_radian for j in self.joints), *(s.per_radian for s in self.sensors)]
+        )
+        self.resolution = np.abs(self._scales) * [model.step for model in models]
+        self._signs = np.array([float(joint.direction) for joint in self.joints])
+        units = BaseLayout(robot, self.params).units
+        self.units = [units[item.terms[0][0]] for item in robot.coordinates]
+
+    # --- units -------------------------------------------------------------------------------------------------
+
+    def reading(self, state: ServoState, last: Reading | None = None) -> Reading:
+        """What the bus read of ``all_ids``, as angles of the joints.
+
+        Args:
+            state: as read.
+            last: the reading before; turns are counted on from it. Speeds of the base are differences between two
+                times that it was read, and stay as they are where a reply is missing.
+        """
+        k, now = len(self.joints), 0.5 * (state.before + state.after)
+        before = np.full(len(self.all_ids), now if last is None else last.time)
+        before = before if last is None or last.taken is None else last.taken
+        taken = np.where([servo in state.missing for servo in self.all_ids], before, now)
+        place = self._scales * (state.position - self._zeros)
+        side, sign = self._scales[:k], self._signs
+        base = place[self._base]
+        speed = np.zeros(len(base))
+        if last is not None and len(base):
+            turn = np.abs(2.0 * np.pi * self._scales[self._base])
+            base = base + turn * np.round((last.base_position - base) / turn)
+            speed = (base - last.base_position) / np.maximum((taken - before)[self._base], 1e-6)
+            speed = np.where(taken[self._base] < now, last.base_velocity, speed)
+        return Reading(
+            before=state.before,
+            after=state.after,
+            position=place[:k],
+            velocity=side * state.velocity[:k],
+            duty=sign * state.duty[:k],
+            current=sign * state.current[:k],
+            voltage=state.voltage[:k],
+            temperature=state.temperature[:k],
+            link=place[self._links],
+            base_position=base,
+            base_velocity=speed,
+            state=state,
+            taken=taken,
+        )
+
+    def fresh(self, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which joints (k,), far sides of springs (k,) and quantities of the base (b,) were read at its time."""
+        fresh = np.ones(len(self.all_ids), bool) if reading.taken is None else reading.taken >= reading.time
+        return fresh[: len(self.joints)], fresh[self._links], fresh[self._base]
+
+    def to_servo(self, position: np.ndarray) -> np.ndarray:
+        """Angles of the servos' shafts (k,) [rad] from angles of the joints (k,) [rad]."""
+        k = len(self.joints)
+        return position / self._scales[:k] + self._zeros[:k]
+
+    # --- contract ----------------------------------------------------------------------------------------------
+
+    def check_contract(self, contract: Contract, rate: float | None = None, chains: bool = True) -> None:
+        """Make sure that a policy is for this robot.
+
+        Args:
+            contract: of the policy.
+            rate: at which the loop is to run [Hz]; None: the policy's own.
+            chains: whether it must be for this robot's chains, too.
+
+        Raises:
+            ContractError: it is not; the message names the field.
+        """
+        try:
+            self._check_contract(contract, rate, chains)
+        except ContractError as error:
+            trained, file = contract.env.get("robot"), self.robot.file
+            if file is None or trained is None or Path(str(trained)).name == file.path.name:
+                raise
+            raise ContractError(
+                f"{str(error).rstrip('.')}. It was trained with robot={trained}, and here it is {file.path.name}: give "
+                "that file."
+            ) from None
+
+    def _check_contract(self, contract: Contract, rate: float | None, chains: bool) -> None:
+
+        def refuse(field: str, policy: object, here: object, remedy: str) -> None:
+            raise ContractError(
+                f"the policy does not fit the robot: its '{field}' is {policy}, and here it is {here}; {remedy}."
+            )
+
+        robot = self.robot
+        if contract.robot != robot.name:
+            theirs = contract.robot if contract.robot in ROBOTS else f"<the file of {contract.robot}>"
+            refuse("robot", contract.robot, robot.name, f"give robot={theirs}, or another policy")
+        if list(contract.joints) != self.names:
+            refuse("joints", ", ".join(contract.joints), ", ".join(self.names), "train it again")
+        if contract.robot_hash != (here := robot_hash(robot, self.params)):
+            different = self._different_numbers(contract)
+            refuse(
+                "robot_hash",
+                contract.robot_hash,
+                here,
+                f"the robot's numbers differ ({different}): correct robot.params, give the diagnosis that it was "
+                "trained on as extended=<folder>, or train it for this robot",
+            )
+        if driven := torque_driven(contract.chains):
+            raise ContractError(
+                f"the policy does not fit the robot: it was trained with torques as commands of {', '.join(driven)}, "
+                "which a servo would take for positions; train it again, with a position controller in each chain."
+            )
+        if contract.history != 1:
+            refuse("history", contract.history, 1, "train it on single observations")
+        names = tuple(contract.task_on(robot)[0].observation_names())
+        if contract.observation_names != names:
+            first = next(
+                (f"{a!r} for {b!r}" for a, b in zip(contract.observation_names, names, strict=False) if a != b),
+                f"{len(contract.observation_names)} values for {len(names)}",
+            )
+            refuse("observation_names", len(contract.observation_names), len(names), f"{first}: train it again")
+        if rate is not None and not any(math.isclose(rate, kept, rel_tol=1e-6) for kept in contract.rates):
+            field = "control_rate" if contract.goals_per_action == 1 else "goal_rate"
+            lower = ", ".join(f"{kept:g}" for kept in contract.rates[1:])
+            remedy = "leave rate= out" + (f", or give one of {lower}" if lower else "")
+            refuse(field, f"{contract.goal_rate:g} Hz", f"{rate:g} Hz", remedy)
+        mounted = [sensor.name for sensor in self.sensors]
+        if missing := [name for name in contract.sensors if name not in mounted]:
+            raise ContractError(
+                f"the policy does not fit the robot: it needs the sensors {', '.join(missing)}, which the robot lacks; "
+                f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}}."
+            )
+        for joint, unit in zip(self.joints, self.units, strict=True):
+            low, high = contract.goal_limits[joint.name]
+            if high < joint.low or low > joint.high:
+                refuse(
+                    "goal_low",
+                    f"{low:.3g} {unit} for {joint.name}, up to {high:.3g} {unit}",
+                    f"{joint.low:.3g} to {joint.high:.3g} {unit}",
+                    "calibrate the joint again",
+                )
+        if chains and contract.chain_hash != chain_hash(self.chains):
+            trained = told_chains(contract.chains)
+            here = told_chains({name: chain.to_list() for name, chain in self.chains.items()})
+            here = here if here != trained else f"{here} with other numbers"
+            raise ContractError(
+                f"the policy does not fit the robot ('chain_hash'): it was trained with {trained}, and here it is "
+                f"{here}; say which chain these servos are taken for by actuator=<name or path>."
+            )
+
+    def _different_numbers(self, contract: Contract) -> str:
+        params = contract.env.get("params") or {}
+        ours, theirs, numbers = self.robot.parameters(self.params), self.robot.parameters(params), self.robot.numbers
+        different = [key for key in ours if ours[key] != theirs[key] and not numbers[key].numerical]
+        rows = [f"{key} {theirs[key]:g} and {ours[key]:g}" for key in different]
+        return ", ".join(rows) or "its code changed since"
+
+
+def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Path | None = None) -> ServoRobot:
+    """The robot of a ``configs/robot`` file.
+
+    Args:
+        config: ``name``, ``params``, ``servo``, ``actuator``, ``gears``, ``sensors``, ``buses``.
+        actuator: chain that the servos are taken for, in place of the file's.
+        calibration: file; None: a machine built as drawn.
+
+    Raises:
+        SealegsError: an unknown robot, servo or chain, or a calibration that does not fit.
+    """
+    robot, servo = get_robot(config["name"]), load_model(config["servo"])
+    params = {str(key): value for key, value in table(config, "params").items()}
+    belief = actuator if actuator is not None else config.get("actuator")
+    gears = checked_gears(table(config, "gears"), robot)
+    sensed = table(config, "sensors")
+    lines = read_lines(table(config, "buses"), [*(item.name for item in robot.coordinates), *sensed])
+    if calibration is None:
+        joints = nominal_joints(robot, servo, params, gears, lines)
+    else:
+        joints = read_joints(calibration, robot, servo, lines)
+        check_gears(joints, gears, calibration)
+    chains = {name: _plain(chain) for name, chain in robot.chains_for(belief).items()}
+    quantities = BaseLayout(robot, params).names if sensed else ()
+    sensors = read_sensors(sensed, joints, servo, lines, quantities)
+    registers = set_up(table(config, "registers"), servo)
+    return ServoRobot(robot, params, servo, joints, chains, sensors, registers)
+
+
+def set_up(registers: Mapping[str, Any], servo: ServoModel) -> dict[str, int]:
+    """``registers`` of a robot's file, those that the servos have: another make has others.
+
+    Raises:
+        SealegsError: a name that no servo has, or a value that is no count.
+    """
+    known = load_model("sts3215").registers
+    for name in registers:
+        if name not in known:
+            servo[str(name)]  # or it is named here
+    counts = {str(name): checked(f"robot.registers.{name}", value, int) for name, value in registers.items()}
+    return {name: count for name, count in counts.items() if name in servo.registers}
+
+
+def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration: Path | None = None) -> ServoRobot:
+    """The robot of a ``configs/robot`` file as a diagnosis found it: chains and numbers.
+
+    Args:
+        config: as in :func:`build_robot`; its ``params`` are what is believed.
+        extended: folder of the diagnosis.
+        calibration: file; None: a machine built as drawn.
+
+    Raises:
+        SealegsError: as :func:`build_robot`, or the robot cannot take what was found.
+    """
+    machine, robot = read_extended(extended), get_robot(config["name"])
+    machine.check_log()
+    params = {str(key): value for key, value in (config.get("params") or {}).items()}
+    found = {**config, "params": machine.params_on(robot, params)}
+    return build_robot(found, machine.chains_on(robot), calibration)
+
+
+def _plain(chain: Any) -> str | list:
+    """A chain as a log's sidecar takes it: a name of the library, or its stages."""
+    if isinstance(chain, str) and not chain.endswith((".yaml", ".yml")):
+        return chain
+    return load_chain(chain).to_list()

@@ -1,0 +1,1 @@
+"""One run: where goals come from, the control loop, its pace, and the log that it leaves."""
