@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from ..envs.contract import Contract, goal_scale, random_motion, task_of
-from ..envs.task import ModulatedTask
+from ..envs.engine.task import ModulatedTask
 
 
 class ActionPipeline:
-    """Conversion of measured observations to goals in NumPy, as in :class:`sealegs.envs.batch.BatchEngine`.
+    """Conversion of measured observations to goals in NumPy, as in :class:`sealegs.envs.engine.batch.BatchEngine`.
 
     Attributes:
         command: what is asked for (n, c).

@@ -13,9 +13,9 @@ from gymnasium.envs.registration import load_env_creator
 from ..common.errors import SealegsError, nearest
 from ..configs.check import arguments, checked
 from ..envs import known_id
-from ..envs.randomization import read_randomization
-from ..envs.robot_file import is_robot_file
-from ..envs.sb3 import BatchVecEnv
+from ..envs.described.robot_file import is_robot_file
+from ..envs.engine.randomization import read_randomization
+from ..envs.engine.sb3 import BatchVecEnv
 
 Actuator = str | list[Any] | dict[str, Any] | None
 """Chain of all coordinates (name, path or stages), or chains by coordinate; None: the robot's own."""

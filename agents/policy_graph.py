@@ -24,7 +24,7 @@ import torch
 from onnx import TensorProto, helper
 
 from ..envs.contract import Contract, goal_scale, random_motion, task_of
-from ..envs.task import ModulatedTask, Motion, Task
+from ..envs.engine.task import ModulatedTask, Motion, Task
 from .onnx_graph import OnnxGraph
 from .traced import ROWS, MixingError, Traced, TracingError, traced
 

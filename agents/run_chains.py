@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from ..common.errors import SealegsError
-from ..envs.sb3 import BatchVecEnv
+from ..envs.engine.sb3 import BatchVecEnv
 from .run_folder import RunFolder
 
 _FILE = "actuators.yaml"

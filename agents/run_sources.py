@@ -10,9 +10,9 @@ from typing import Any
 from ..common.documents import read_yaml
 from ..common.errors import SealegsError
 from ..envs.any_robot.user import file_of, is_user_task
-from ..envs.robot_described import RobotFile
-from ..envs.robot_sources import files_read
-from ..envs.sb3 import BatchVecEnv
+from ..envs.described.robot_described import RobotFile
+from ..envs.described.robot_sources import files_read
+from ..envs.engine.sb3 import BatchVecEnv
 from .run_folder import RunFolder
 
 _FILE = "sources.json"

@@ -21,8 +21,8 @@ from ..common.documents import read_json
 from ..common.errors import SealegsError
 from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
-from ..envs.sb3 import BatchVecEnv
-from ..envs.task import ModulatedTask
+from ..envs.engine.sb3 import BatchVecEnv
+from ..envs.engine.task import ModulatedTask
 from .algorithms import build, normalized
 from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
 from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations

@@ -14,7 +14,7 @@ import imageio.v2 as imageio
 import numpy as np
 
 from ..common.errors import SealegsError
-from ..envs.batch import BatchEngine
+from ..envs.engine.batch import BatchEngine
 
 FASTEST = 30  # pictures a second; drawing in software takes longer than the physics
 

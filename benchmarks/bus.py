@@ -32,7 +32,7 @@ import numpy as np
 import scservo_sdk as sdk
 from sealegs.actuators import DrivenCoordinate
 from sealegs.common.processes import end_with_parent
-from sealegs.envs.robot import Robot
+from sealegs.envs.engine.robot import Robot
 from sealegs.hw.bus.packets import ReplyError
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.bus.servo_bus import ServoBus

@@ -15,10 +15,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
-from sealegs.envs.hexapod.paper import BREAKAWAY_AT_REST, Machine, chains_with, stand_unpowered
 from sealegs.envs.hexapod.parameters import NUMBERS
-from sealegs.envs.hexapod.report import motors
 from sealegs.envs.hexapod.robot import VERTICAL
+from sealegs.papers.hexapod.paper import BREAKAWAY_AT_REST, Machine, chains_with, stand_unpowered
+from sealegs.papers.hexapod.report import motors
 
 SPEED = 0.03  # [m/s] the fastest of the paper: its cycle is the shortest
 STOOD = 2.0  # [s]

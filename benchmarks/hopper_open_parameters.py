@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 from sealegs.actuators import Chain, load_chain
 from sealegs.common.errors import SealegsError
-from sealegs.envs.hopper.paper import CHAINS, PRINTED, Legs, measure
 from sealegs.envs.hopper.parameters import NUMBERS
+from sealegs.papers.hopper.paper import CHAINS, PRINTED, Legs, measure
 
 SECONDS = 8.0
 UPPER = (0.088, 0.092, 0.096, 0.100, 0.104, 0.108, 0.112, 0.116)

@@ -15,8 +15,8 @@ from sealegs.agents.policy_files import load_policy
 from sealegs.envs.arm.kinematics import tool
 from sealegs.envs.arm.tables import JOINTS
 from sealegs.envs.arm.task import ArmTask
-from sealegs.envs.batch import BatchEngine
 from sealegs.envs.contract import task_of
+from sealegs.envs.engine.batch import BatchEngine
 
 from benchmarks.learning import Bar, asked
 

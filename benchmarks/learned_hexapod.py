@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from sealegs.actuators.gravity import GRAVITY
 from sealegs.agents.policy_files import load_policy
-from sealegs.envs.batch import BatchEngine
 from sealegs.envs.contract import task_of
+from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.hexapod.robot import total_mass
 from sealegs.envs.hexapod.task import HexapodTask
 

@@ -1,7 +1,7 @@
 """The learned leg beside the best PID, for ``python -m benchmarks.learning leg``.
 
 Both lead the foot along the same random paths with the printed drives. The PID is that of
-``configs/actuator/silo4.yaml``, tuned by ``envs/leg/tuning.py``; the policy corrects the goals of a stiff PD
+``configs/actuator/silo4.yaml``, tuned by ``papers/leg/tuning.py``; the policy corrects the goals of a stiff PD
 (``silo4_pd``). Goals reach the firmware of both every 2 ms.
 """
 
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from sealegs.agents.policy_files import load_policy
-from sealegs.envs.batch import BatchEngine
 from sealegs.envs.contract import task_of
+from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.leg.task import LegTask
 
 from benchmarks.learning import Bar

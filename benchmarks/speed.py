@@ -17,10 +17,10 @@ from sealegs.actuators.layout import P_STATE_SIZE
 from sealegs.envs.arm.robot import ARM
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.biped.robot import BIPED
+from sealegs.envs.engine.robot import Robot
 from sealegs.envs.hexapod.robot import HEXAPOD
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.leg.robot import LEG
-from sealegs.envs.robot import Robot
 
 ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD, "leg": LEG, "arm": ARM}
 CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach
@@ -157,7 +157,7 @@ def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict
     import torch
     from sealegs.agents.algorithms import build, checked_agent, normalized
     from sealegs.configs.compose import compose
-    from sealegs.envs.sb3 import BatchVecEnv
+    from sealegs.envs.engine.sb3 import BatchVecEnv
     from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
     from benchmarks.python_hopper import PythonHopper

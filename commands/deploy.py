@@ -39,7 +39,7 @@ PLAIN = (
 def main(arguments: list[str]) -> None:
     """Run what the command line names."""
     from ..configs.compose import compose, split  # here, so that --help does not wait for the compiled laws
-    from ..envs.robot_file import is_robot_file
+    from ..envs.described.robot_file import is_robot_file
     from ..hw.machine.own_robot import READERS
     from ..hw.run import deployment
 

@@ -21,13 +21,15 @@ from typing import Any
 
 PLAIN = ("paper", "out", "policy", "task", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
 
+PAPERS = ("arm", "biped", "hexapod", "hopper", "leg")
+"""Robots with published figures: folders of ``papers/`` whose module ``report`` has ``compare(folder, seconds)``."""
+
 
 def main(arguments: list[str]) -> None:
     """Make the comparison that the command line names."""
     from ..common.errors import SealegsError, nearest
     from ..configs.check import checked
     from ..configs.compose import compose, split
-    from ..envs import PAPERS
     from ..hw.machine.own_robot import READERS
     from . import relevant
 
@@ -46,7 +48,15 @@ def main(arguments: list[str]) -> None:
     seconds = checked("seconds", config["seconds"], float)
     now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
-    report = importlib.import_module(f"sealegs.envs.{paper}.report")  # only now, so that --help does not wait
+    try:
+        report = importlib.import_module(f"sealegs.papers.{paper}.report")  # only now, so that --help does not wait
+    except ModuleNotFoundError as missing:
+        if missing.name != "sealegs.papers":
+            raise
+        raise SealegsError(
+            "what repeats the papers comes with a checkout, not with an installed sealegs: clone the repository, run "
+            f"make setup there, and .venv/bin/sealegs evaluate paper={paper}."
+        ) from None
     report.compare(out, seconds)
 
 

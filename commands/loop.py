@@ -226,7 +226,7 @@ def diagnose(config: Mapping[str, Any], out: Path, machine: list[str], seed: int
 
 def train(config: Mapping[str, Any], out: Path, name: str, model: str, steps: int, seed: int) -> None:
     """Train on a model, or go on with it."""
-    from ..envs.robot_file import is_robot_file
+    from ..envs.described.robot_file import is_robot_file
     from . import train as script
 
     folder = out / f"policy-{name}"

@@ -18,7 +18,7 @@ KEYS = ("out", "chain")
 
 def main(arguments: list[str]) -> None:
     """Write the file that the command line names."""
-    from ..envs.robot_yaml import write_robot_yaml
+    from ..envs.new_robot.robot_yaml import write_robot_yaml
     from ..gap.log.types import OTHER
     from ..hw.machine.assumed_limits import assumed_limits
 

@@ -62,9 +62,9 @@ def analyse(
         SealegsError: wrong input, or a folder that has results.
     """
     from ..common.errors import SealegsError
+    from ..envs.described.robot_file import is_robot_file
     from ..envs.make import environment_id
-    from ..envs.relevant import RULE, Mover, judge
-    from ..envs.robot_file import is_robot_file
+    from ..evaluation.relevant import RULE, Mover, judge
 
     if (out / "relevant.json").exists():
         raise SealegsError(f"{out} holds an analysis already; give another folder as out=.")
@@ -89,7 +89,7 @@ def analyse(
         "balance": [run.balance() for run in runs],
     }
     write_text(out / "relevant.json", json.dumps(result, indent=1) + "\n")
-    from ..envs.relevant_plots import draw
+    from ..evaluation.relevant_plots import draw
 
     pictures = draw(mover.names, runs, out)
     parts = list(next(iter(verdict.shares.values())))

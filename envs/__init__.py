@@ -3,8 +3,7 @@
 ``import sealegs`` registers ``SeaLegs/Hopper-v0`` and the other robots' environments with Gymnasium. A robot is a
 folder here, and is found by being one: ``hopper`` holds ``EPISODE_STEPS``, its module ``robot`` holds ``HOPPER``, its
 module ``task`` the dataclass ``HopperTask``, its module ``env`` the documented classes ``HopperEnv`` and
-``HopperVectorEnv`` of that task. Where it has published figures, its module ``report`` compares with them. Robots that
-a file describes need no Python: the tasks in :data:`TASKS` take any.
+``HopperVectorEnv`` of that task. Robots that a file describes need no Python: the tasks in :data:`TASKS` take any.
 """
 
 from __future__ import annotations
@@ -14,20 +13,12 @@ from pathlib import Path
 
 import gymnasium as gym
 
-
-def _robots_with(module: str) -> tuple[str, ...]:
-    """Folders of robots that hold this module."""
-    folders = sorted(path.parent for path in Path(__file__).parent.glob("*/robot.py"))
-    return tuple(folder.name for folder in folders if (folder / f"{module}.py").is_file())
-
-
 ENVIRONMENTS = {
-    name.capitalize(): importlib.import_module(f".{name}", __package__).EPISODE_STEPS for name in _robots_with("env")
+    folder.name.capitalize(): importlib.import_module(f".{folder.name}", __package__).EPISODE_STEPS
+    for folder in sorted(path.parent for path in Path(__file__).parent.glob("*/env.py"))
+    if (folder / "robot.py").is_file()
 }
 """Robots with an environment, and the control steps of an episode."""
-
-PAPERS = _robots_with("report")
-"""Robots with published figures: their module ``report`` has a function ``compare(folder, seconds)``."""
 
 TASKS = {"Track": 500, "Reach": 250}
 """Tasks that any robot has, by its name or its file: ``robot=`` of their environments; and steps of an episode."""

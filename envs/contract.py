@@ -18,11 +18,11 @@ from ..common.documents import parse_json
 from ..common.errors import SealegsError
 from ..configs.check import Count, Natural, NotNegative, Positive, checked
 from . import known_id
-from .arguments import TaskShell, task_arguments
-from .base import BaseLayout
-from .position_goals import check_position_goals
-from .robot import Robot
-from .task import ModulatedTask, Motion, Task
+from .engine.arguments import TaskShell, task_arguments
+from .engine.base import BaseLayout
+from .engine.position_goals import check_position_goals
+from .engine.robot import Robot
+from .engine.task import ModulatedTask, Motion, Task
 
 VERSION = 2
 KEY = "sealegs.contract"
@@ -53,7 +53,7 @@ class Contract:
         delay: from a reading to the goal that follows from it, fixed [s].
         observation_names: name and unit of each element of the observation, in order.
         sensors: encoders beside those of the servos that the observation needs: ``<joint>.link``, or quantities of
-            :mod:`sealegs.envs.base`.
+            :mod:`sealegs.envs.engine.base`.
         history: observations that the policy sees at once, the newest last; an earlier action is an element of its own.
         commands: numbers that the task asks for.
         state: of the policy at the start: goals given so far, the latest action and the one before, and the memory of
@@ -231,7 +231,7 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
 
 
 def start_pose(contract: Contract, robot: Robot | None = None) -> dict[str, float]:
-    """Every joint of the robot at an undisturbed start, by quantity of :mod:`sealegs.envs.base` [rad or m].
+    """Every joint of the robot at an undisturbed start, by quantity of :mod:`sealegs.envs.engine.base` [rad or m].
 
     Args:
         contract: of the policy.

@@ -16,8 +16,8 @@ from ..actuators import Chain, load_chain
 from ..common.documents import DocumentError, read_yaml
 from ..common.errors import SealegsError, nearest
 from .contract import task_of
-from .robot import Robot
-from .robot_file import is_robot_file
+from .described.robot_file import is_robot_file
+from .engine.robot import Robot
 
 LOGGER = logging.getLogger("sealegs")
 FILE = "extended-robot.yaml"

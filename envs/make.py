@@ -11,8 +11,8 @@ import gymnasium
 from ..common.errors import SealegsError, nearest
 from . import register_environments, registered_id
 from .any_robot.user import is_user_task
+from .engine.robot import ChainSource, Robot
 from .extended import Extended, extended_arguments
-from .robot import ChainSource, Robot
 from .robots import get_robot
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from ..common import plugins
 from ..common.errors import nearest
 from . import ENVIRONMENTS
-from .robot import Robot, RobotError
-from .robot_file import is_robot_file, load_robot_file
+from .described.robot_file import is_robot_file, load_robot_file
+from .engine.robot import Robot, RobotError
 
 LOGGER = logging.getLogger("sealegs")
 

@@ -12,7 +12,7 @@ import torch
 from sealegs.agents.export import write_onnx
 from sealegs.agents.policy_files import describe
 from sealegs.configs.compose import compose, split
-from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from stable_baselines3 import PPO
 
 REPOSITORY = Path(__file__).resolve().parents[1]

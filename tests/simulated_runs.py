@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sealegs.envs.robot import Robot
+from sealegs.envs.engine.robot import Robot
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus.packets import BusError
 from sealegs.hw.bus.registers import load_model, ready_at

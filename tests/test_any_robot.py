@@ -17,8 +17,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs import registered_id
 from sealegs.envs.any_robot.track import TrackTask
 from sealegs.envs.contract import make_contract
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.robots import get_robot
-from sealegs.envs.sb3 import BatchVecEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 ROBOTS = Path(__file__).parent / "robots"

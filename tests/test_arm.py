@@ -9,17 +9,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from sealegs.actuators import DrivenCoordinate, Drivetrain
 from sealegs.common.errors import SealegsError
-from sealegs.envs.arm.control import Robust, closed_loop
-from sealegs.envs.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
 from sealegs.envs.arm.kinematics import chain, jacobian, joints, tool
-from sealegs.envs.arm.paper import late_rise, mark
 from sealegs.envs.arm.parameters import without_rotors
 from sealegs.envs.arm.robot import ARM, LINKS, ROTORS
-from sealegs.envs.arm.rows import kinematic_rows, stiffness_rows
 from sealegs.envs.arm.tables import DAMPING, FINAL, JOINTS, STIFFNESS
 from sealegs.envs.arm.task import ArmTask
 from sealegs.envs.arm.trajectory import Line
-from sealegs.envs.batch import BatchEngine
+from sealegs.envs.engine.batch import BatchEngine
+from sealegs.papers.arm.control import Robust, closed_loop
+from sealegs.papers.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
+from sealegs.papers.arm.paper import late_rise, mark
+from sealegs.papers.arm.rows import kinematic_rows, stiffness_rows
 
 # --- tables and kinematics -------------------------------------------------------------------------------------------
 

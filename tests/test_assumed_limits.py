@@ -11,8 +11,8 @@ import yaml
 from sealegs.commands import loop, new_robot
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
-from sealegs.envs.robot_file import load_robot_file
-from sealegs.envs.robot_yaml import AssumedLimits
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.new_robot.robot_yaml import AssumedLimits
 from sealegs.hw.machine.assumed_limits import assumed_limits
 from sealegs.hw.machine.own_robot import READERS, own_robot
 from sealegs.hw.run import deployment

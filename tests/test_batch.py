@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 from sealegs.common.errors import SealegsError
-from sealegs.envs.batch import BatchEngine
+from sealegs.envs.engine.batch import BatchEngine
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.envs.engine.vector import BatchVectorEnv
 from sealegs.envs.hopper.task import HopperTask
-from sealegs.envs.sb3 import BatchVecEnv
-from sealegs.envs.vector import BatchVectorEnv
 
 HOPPER = "SeaLegs/Hopper-v0"
 RANDOM = {

@@ -19,14 +19,14 @@ from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.commands import train
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
-from sealegs.envs.batch import BatchEngine
 from sealegs.envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
 from sealegs.envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
 from sealegs.envs.biped.robot import BIPED, TORSO, coordinate, foot
 from sealegs.envs.biped.task import BipedTask, sole_places, sole_speeds, soles
+from sealegs.envs.engine.batch import BatchEngine
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.envs.engine.single import SingleEnv
 from sealegs.envs.robots import get_robot
-from sealegs.envs.sb3 import BatchVecEnv
-from sealegs.envs.single import SingleEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 BIPED_ID = "SeaLegs/Biped-v0"

@@ -11,13 +11,14 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
-from sealegs.envs.biped import balance, paper, paper_plots, report, validation
-from sealegs.envs.biped.cable_fit import Cable, fit_cable
-from sealegs.envs.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
-from sealegs.envs.biped.ground import land
-from sealegs.envs.biped.hopping import Hopping, HoppingExperiment, hop_times, rigid_cables
-from sealegs.envs.biped.identification import (
+from sealegs.envs.biped.robot import BIPED
+from sealegs.papers.biped import balance, paper, paper_plots, report, validation
+from sealegs.papers.biped.cable_fit import Cable, fit_cable
+from sealegs.papers.biped.controller import PERIOD, Gait, HoppingController, Phase
+from sealegs.papers.biped.ground import land
+from sealegs.papers.biped.hopping import Hopping, HoppingExperiment, hop_times, rigid_cables
+from sealegs.papers.biped.identification import (
     IdentificationError,
     Leg,
     Load,
@@ -32,10 +33,9 @@ from sealegs.envs.biped.identification import (
     fit_pulleys,
     fit_spring,
 )
-from sealegs.envs.biped.legs_together import LegLoad, Together, fit_both
-from sealegs.envs.biped.return_map import Healing
-from sealegs.envs.biped.rig import leg_load, leg_record
-from sealegs.envs.biped.robot import BIPED
+from sealegs.papers.biped.legs_together import LegLoad, Together, fit_both
+from sealegs.papers.biped.return_map import Healing
+from sealegs.papers.biped.rig import leg_load, leg_record
 
 from testbed import biped_drive as plant
 from tests.typed import typed

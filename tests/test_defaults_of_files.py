@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import Drivetrain
 from sealegs.actuators.mounting import DrivenCoordinate
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.gap.output.mjcf import native_text
 
 ARM = """<mujoco>{size}<default>{main}<default class="arm">{arm}</default></default>

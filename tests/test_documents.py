@@ -25,8 +25,8 @@ from sealegs.common.documents import (
     read_xml,
     read_yaml,
 )
-from sealegs.envs.model_file import read_model
-from sealegs.envs.robot import RobotError
+from sealegs.envs.described.model_file import read_model
+from sealegs.envs.engine.robot import RobotError
 from sealegs.gap.log.importers.formats import read_recordings
 from sealegs.gap.log.types import LogError
 

@@ -21,10 +21,10 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
+from sealegs.envs.engine.single import SingleEnv
+from sealegs.envs.engine.vector import BatchVectorEnv
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.robots import get_robot
-from sealegs.envs.single import SingleEnv
-from sealegs.envs.vector import BatchVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 

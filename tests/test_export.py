@@ -16,7 +16,7 @@ from sealegs.agents.export import export_policy, write_onnx
 from sealegs.agents.policy_files import describe, save_policy
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
-from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.hw.run.policy import Policy
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.vec_env import VecNormalize

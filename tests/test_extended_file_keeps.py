@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators.chain import load_chain
+from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.extended import Extended, Mounted
-from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.log.reader import read_measured
 from sealegs.gap.output.robot_mjcf import write_robot
 

@@ -94,7 +94,7 @@ def test_a_command_names_the_extra_that_it_lacks(words: list[str], extra: str, t
 
 @pytest.mark.long
 def test_the_environment_for_stable_baselines3_names_its_extra(tmp_path: Path) -> None:
-    answer = without_extras("import sealegs.envs.sb3", tmp_path)
+    answer = without_extras("import sealegs.envs.engine.sb3", tmp_path)
     assert "MissingPackage" in answer.stderr and "pip install 'sealegs[train]'" in answer.stderr
 
 

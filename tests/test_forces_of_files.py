@@ -12,9 +12,9 @@ import pytest
 import yaml
 from sealegs.actuators import Chain
 from sealegs.actuators.chain import load_chain
-from sealegs.envs.robot_described import LIMIT, stated
-from sealegs.envs.robot_file import load_robot_file
-from sealegs.envs.robot_yaml import robot_yaml
+from sealegs.envs.described.robot_described import LIMIT, stated
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.new_robot.robot_yaml import robot_yaml
 from sealegs.envs.robots import get_robot
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.diagnose import diagnose

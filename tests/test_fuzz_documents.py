@@ -25,9 +25,9 @@ from sealegs.actuators.chain import load_chain
 from sealegs.actuators.published import bam_stages
 from sealegs.configs.compose import compose, override, split
 from sealegs.envs.contract import KEY, Contract
-from sealegs.envs.model_file import read_model
-from sealegs.envs.randomization import read_randomization
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.model_file import read_model
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.randomization import read_randomization
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log.importers import propose_for
 from sealegs.gap.log.importers.expression import column, names_in

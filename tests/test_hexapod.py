@@ -15,6 +15,8 @@ from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain, load_chain_set
 from sealegs.actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
 from sealegs.common.errors import SealegsError
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.envs.engine.single import SingleEnv
 from sealegs.envs.hexapod import modulated_gait
 from sealegs.envs.hexapod.env import HexapodEnv
 from sealegs.envs.hexapod.gait import PERIOD, Tripod
@@ -24,8 +26,6 @@ from sealegs.envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
 from sealegs.envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
 from sealegs.envs.hexapod.task import HexapodTask
 from sealegs.envs.robots import get_robot
-from sealegs.envs.sb3 import BatchVecEnv
-from sealegs.envs.single import SingleEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 from tests.typed import typed
@@ -113,7 +113,7 @@ def test_a_link_that_rides_on_two_others_moves_them_as_it_would_itself() -> None
 
 
 def test_feet_stand_on_the_ground_as_deep_as_printed(model: mujoco.MjModel) -> None:
-    from sealegs.envs.hexapod.paper import penetration_on
+    from sealegs.papers.hexapod.paper import penetration_on
 
     assert penetration_on(3, 0.8) == pytest.approx(0.0023, abs=1e-4)
     assert penetration_on(6, 0.8) == pytest.approx(0.0023 * 0.5 ** (2.0 / 3.0), rel=0.05)  # Hertz

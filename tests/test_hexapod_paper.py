@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
-from sealegs.envs.hexapod.friction_bench import breakaway, steady
 from sealegs.envs.hexapod.gait import Tripod
-from sealegs.envs.hexapod.paper import Machine, Standing, Walk, friction_at_rest, limit_by_speed, stand_unpowered
-from sealegs.envs.hexapod.report import motors
+from sealegs.papers.hexapod.friction_bench import breakaway, steady
+from sealegs.papers.hexapod.paper import Machine, Standing, Walk, friction_at_rest, limit_by_speed, stand_unpowered
+from sealegs.papers.hexapod.report import motors
 
 from tests.typed import Done, typed
 

@@ -10,7 +10,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.envs.hopper.controller import BangBang, spring_stiffness
-from sealegs.envs.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
+from sealegs.papers.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
 
 from tests.typed import Done, typed
 

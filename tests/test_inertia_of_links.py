@@ -7,8 +7,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.extended import Change
-from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.load.terms import E_COUPLING, E_INERTIA, E_SIZE, T_OWN, T_PASSIVE, T_SPIN
 from sealegs.gap.load.tree import Motion, spin_block, terms_along
 from sealegs.gap.log.arrays import measured_set

@@ -10,7 +10,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.common.documents import parse_yaml
 from sealegs.common.errors import SealegsError
-from sealegs.envs.randomization import read_randomization
+from sealegs.envs.engine.randomization import read_randomization
 from sealegs.gap.log.importers.mapping import read_mapping
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.hw.virtual.faults import read_faults

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from sealegs.commands import evaluate
 from sealegs.common.errors import SealegsError
-from sealegs.envs.leg import control
-from sealegs.envs.leg.paper import Analysis, against_engine, coriolis_error, peak, straightness
-from sealegs.envs.leg.report import motor_rows, perturbation_lines, table_rows
 from sealegs.envs.leg.robot import chains_of
-from sealegs.envs.relevant import Mover, judge
+from sealegs.evaluation.relevant import Mover, judge
+from sealegs.papers.leg import control
+from sealegs.papers.leg.paper import Analysis, against_engine, coriolis_error, peak, straightness
+from sealegs.papers.leg.report import motor_rows, perturbation_lines, table_rows
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +51,8 @@ def test_the_perturbation_of_joint_1_is_no_half_percent_at_any_speed(analysis):
 
 
 def test_gravity_is_linear_in_the_lengthening_along_a_line_and_not_over_the_workspace(analysis):
-    from sealegs.envs.leg.dynamics import gravity
     from sealegs.envs.leg.kinematics import lengthening
+    from sealegs.papers.leg.dynamics import gravity
 
     for line in analysis.lines(10, horizontal=True):
         row = analysis.along(line, 0.2)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import make_contract, start_pose
-from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.hw.machine.robot import Reading, build_robot
 from sealegs.hw.run.observer import Observer
 from sealegs.hw.run.policy import Policy

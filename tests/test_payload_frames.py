@@ -7,10 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.model_file import read_model
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.robot import RobotError
 from sealegs.envs.extended import Change, Extended
-from sealegs.envs.model_file import read_model
-from sealegs.envs.robot import RobotError
-from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.tree import Motion, block_along, terms_along, tip_behind
 from sealegs.gap.output.robot_extension import of_robot

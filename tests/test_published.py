@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from sealegs.common.errors import SealegsError
-from sealegs.envs.published import MARKS, Otherwise, Row, documents, row_lines
+from sealegs.papers.published import MARKS, Otherwise, Row, documents, row_lines
 
 ROWS = [
     Row("stiffness", "IV", 100.0, 100.05, "follows from the inputs", "N.m/rad", within=1e-3),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
-from sealegs.envs.batch import BatchEngine
 from sealegs.envs.bench.task import BenchTask
+from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.hopper.task import HopperTask
 
 

@@ -11,8 +11,8 @@ import pytest
 import sealegs  # noqa: F401 registers
 from gymnasium.wrappers import RecordVideo
 from sealegs.common.errors import SealegsError
-from sealegs.envs.sb3 import BatchVecEnv
-from sealegs.envs.single import SingleEnv
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.envs.engine.single import SingleEnv
 
 
 @pytest.mark.long

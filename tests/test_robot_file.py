@@ -9,10 +9,10 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import robot_hash
-from sealegs.envs.robot import RobotError
-from sealegs.envs.robot_file import load_robot_file
-from sealegs.envs.robot_sources import files_read
-from sealegs.envs.robot_yaml import robot_yaml
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.described.robot_sources import files_read
+from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.new_robot.robot_yaml import robot_yaml
 from sealegs.envs.robots import get_robot
 
 ROBOTS = Path(__file__).parent / "robots"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sealegs.commands import new_robot
 from sealegs.common.errors import SealegsError
-from sealegs.envs.robot import RobotError
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.robot import RobotError
 
 PAIR = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" range="-1 1" {a}/>
 <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/><body pos="0 0 -0.2">

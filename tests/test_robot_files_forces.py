@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
 
 ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-60 60" {joint}/>
 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" mass="1"/></body></worldbody>

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 from sealegs.commands import new_robot
-from sealegs.envs import robot_yaml
-from sealegs.envs.robot import RobotError
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.new_robot import robot_yaml
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="{name}" axis="0 1 0" range="-1 {high}"/>
 <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/></body></worldbody>

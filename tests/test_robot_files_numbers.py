@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.engine import install
-from sealegs.envs.robot import RobotError
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.robot import RobotError
 
 INNER = """<mujoco model="inner"><compiler angle="{angle}"{more}/><worldbody><body name="b">{inertial}
 <joint name="j" axis="0 1 0" range="{range}"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body>

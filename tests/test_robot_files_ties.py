@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sealegs
-from sealegs.envs.model_file import read_model
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.model_file import read_model
+from sealegs.envs.described.robot_file import load_robot_file
 
 LINK = """<link name="{name}"><inertial><mass value="1"/><origin xyz=".1 0 0"/>
 <inertia ixx=".01" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial></link>"""

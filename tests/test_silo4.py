@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.leg.kinematics import foot
-from sealegs.envs.leg.machine import LEGS, SILO4, Wave, coordinate, margin, standing_height, walk
 from sealegs.envs.leg.parameters import STANCE
 from sealegs.envs.leg.robot import JOINTS, LEG
+from sealegs.papers.leg.machine import LEGS, SILO4, Wave, coordinate, margin, standing_height, walk
 
 
 def test_each_leg_is_the_leg_of_the_paper() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import pytest
 from sealegs.actuators import ChainError
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
 
 from tests.pendulum_on_a_chain import PENDULUM, drivetrain, run
 

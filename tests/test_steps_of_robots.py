@@ -11,7 +11,7 @@ import sealegs
 import yaml
 from sealegs.commands import new_robot
 from sealegs.common.errors import SealegsError
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
 
 ROBOT = """<mujoco><compiler angle="radian" autolimits="true"/>{option}<worldbody>
 <body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" range="-1.5 1.5" {shoulder}/>

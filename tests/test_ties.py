@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from sealegs.envs.model_ties import followers_of
+from sealegs.envs.engine.model_ties import followers_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.ties import moved_by

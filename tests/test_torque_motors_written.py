@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
-from sealegs.envs.robot_file import load_robot_file
+from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.gap.output.mjcf import native_text, not_native
 
 ARM = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody><body name="u"><joint name="s" axis="0 1 0"/>

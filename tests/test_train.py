@@ -27,7 +27,7 @@ from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.agents.make_env import stream_seed
 from sealegs.commands import train
 from sealegs.configs.script import run as run_script
-from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator

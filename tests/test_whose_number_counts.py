@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.robot import Robot, _tell
 from sealegs.envs.extended import Change, Extended, Mounted
-from sealegs.envs.robot import Robot, _tell
-from sealegs.envs.robot_file import load_robot_file
 from sealegs.envs.robots import get_robot
 from sealegs.hw.virtual.machine import Machine
 

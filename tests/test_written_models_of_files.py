@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators.chain import load_chain
+from sealegs.envs.described.model_meshes import without_meshes_that_fail
+from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.robot import RobotError
 from sealegs.envs.extended import Extended, Mounted
-from sealegs.envs.model_meshes import without_meshes_that_fail
-from sealegs.envs.robot import RobotError
-from sealegs.envs.robot_file import load_robot_file
 from sealegs.gap.load import robot as robots
 from sealegs.gap.log.reader import read_measured
 from sealegs.gap.output.mjcf import native_text

@@ -21,8 +21,8 @@ from PIL import Image
 from sealegs.agents.make_env import checked_env, make_single_env
 from sealegs.agents.policy_files import load_policy
 from sealegs.agents.video import record_video
-from sealegs.envs.hopper.paper import CONTROL_STEP, Legs
-from sealegs.envs.scene import CAMERA
+from sealegs.envs.engine.scene import CAMERA
+from sealegs.papers.hopper.paper import CONTROL_STEP, Legs
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 FOLDER = CHECKOUT / "docs" / "pictures"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..single import SingleEnv
-from ..vector import BatchVectorEnv
+from ..engine.single import SingleEnv
+from ..engine.vector import BatchVectorEnv
 from .reach import ReachTask
 from .track import TrackTask
 
@@ -62,7 +62,7 @@ class TrackEnv(SingleEnv, task=TrackTask):
     |-------------------|-------------------|--------------|---------------------------------------------------------------|
     | `robot`           | str or path       | `'bench'`    | a name, or the robot's `.yaml`, `.xml` or `.urdf` |
     | `actuator`        | str, list or dict | `None`       | chain: a name in `configs/actuator`, a path or stages; `None`: the robot's own |
-    | `randomization`   | dict or path      | `None`       | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`   | dict or path      | `None`       | what every episode draws anew, see `envs/engine/randomization.py` |
     | `params`          | dict              | `None`       | numbers of the robot other than its own, such as `forearm_mass` |
     | `control_rate`    | float             | `50.0`       | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`        | from an observation to its goal [s]; a whole number of physics steps |
@@ -134,7 +134,7 @@ class ReachEnv(SingleEnv, task=ReachTask):
     |-------------------|-------------------|------------|---------------------------------------------------------------|
     | `robot`           | str or path       | `'bench'`  | a name, or the robot's `.yaml`, `.xml` or `.urdf` |
     | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: the robot's own |
-    | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/randomization.py` |
+    | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/engine/randomization.py` |
     | `params`          | dict              | `None`     | numbers of the robot other than its own, such as `forearm_mass` |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |

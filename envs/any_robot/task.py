@@ -11,10 +11,10 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ..bench.robot import BENCH
-from ..model_poses import stand
-from ..robot import Robot
+from ..engine.model_poses import stand
+from ..engine.robot import Robot
+from ..engine.task import Motion, Task
 from ..robots import get_robot
-from ..task import Motion, Task
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion
+from ..engine.task import Motion
 from .task import AnyRobotTask, Numbers, columns
 
 WAVES = 2

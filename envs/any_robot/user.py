@@ -24,10 +24,10 @@ import gymnasium as gym
 
 from ...common import plugins
 from ...common.errors import SealegsError, nearest
-from ..arguments import TaskShell
-from ..single import SingleEnv
-from ..task import Task
-from ..vector import BatchVectorEnv
+from ..engine.arguments import TaskShell
+from ..engine.single import SingleEnv
+from ..engine.task import Task
+from ..engine.vector import BatchVectorEnv
 
 _WORD = re.compile(r"(?P<path>.+\.py):(?P<name>\w+)")
 INSTALLED = "plugins/"
@@ -83,7 +83,7 @@ def user_id(word: str) -> str:
         raise SealegsError(f"{path} has no {name}{nearest(name, known)}; its tasks are {', '.join(known) or 'none'}.")
     if not _is_task(task):
         raise SealegsError(
-            f"{path}: {name} is no task; make it a dataclass(frozen=True) from sealegs.envs.task.Task, or from "
+            f"{path}: {name} is no task; make it a dataclass(frozen=True) from sealegs.envs.engine.task.Task, or from "
             "sealegs.envs.any_robot.task.AnyRobotTask, with all of their methods."
         )
     _register(identity, task)
@@ -99,7 +99,9 @@ def _installed(word: str) -> type[Task]:
         )
     task = plugins.entry("tasks", name)
     if not _is_task(task):
-        raise SealegsError(f"{word}: {known[name].value} is no task; make it a dataclass from sealegs.envs.task.Task.")
+        raise SealegsError(
+            f"{word}: {known[name].value} is no task; make it a dataclass from sealegs.envs.engine.task.Task."
+        )
     return task
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..single import SingleEnv
-from ..vector import BatchVectorEnv
+from ..engine.single import SingleEnv
+from ..engine.vector import BatchVectorEnv
 from .task import ArmTask
 
 
@@ -71,7 +71,7 @@ class ArmEnv(SingleEnv, task=ArmTask):
     | Parameter         | Type                | Default    | Description |
     |-------------------|---------------------|------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`     | chain: a word (`srlfj`, `ideal`, `regression`, `net`), a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `srlfj` |
-    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/arm/parameters.py` |
     | `control_rate`    | float               | `100.0`    | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
@@ -87,7 +87,7 @@ class ArmEnv(SingleEnv, task=ArmTask):
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Arm-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.
 
     ## Version History

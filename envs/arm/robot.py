@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import DrivenCoordinate
-from ..robot import Robot
-from ..scene import CAMERA, add_scene, add_sun
+from ..engine.robot import Robot
+from ..engine.scene import CAMERA, add_scene, add_sun
 from .parameters import NUMBERS, body_of
 from .tables import JOINTS
 

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion, Task, drawn
+from ..engine.task import Motion, Task, drawn
 from .kinematics import Lengths, tool
 from .robot import ARM
 from .tables import JOINTS

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..single import SingleEnv
-from ..vector import BatchVectorEnv
+from ..engine.single import SingleEnv
+from ..engine.vector import BatchVectorEnv
 from .task import BenchTask
 
 
@@ -55,7 +55,7 @@ class BenchEnv(SingleEnv, task=BenchTask):
     | Parameter         | Type              | Default    | Description |
     |-------------------|-------------------|------------|---------------------------------------------------------------|
     | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: `sts3215` |
-    | `randomization`   | dict or path      | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
+    | `randomization`   | dict or path      | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
     | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m], and the others of `envs/bench/robot.py` |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |

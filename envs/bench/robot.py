@@ -9,8 +9,8 @@ import mujoco
 
 from ...actuators import DrivenCoordinate, Drivetrain
 from ...actuators.mounting import spring_constraint
-from ..robot import Effect, Number, Robot
-from ..scene import CAMERA, add_scene, add_sun
+from ..engine.robot import Effect, Number, Robot
+from ..engine.scene import CAMERA, add_scene, add_sun
 from .stops import STOP_DAMPING, STOP_STIFFNESS
 
 JOINT = "joint"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion, Task
+from ..engine.task import Motion, Task
 from .robot import BENCH, JOINT
 
 

@@ -8,8 +8,8 @@ import mujoco
 
 from ...actuators import DrivenCoordinate
 from ...actuators.gravity import GRAVITY
-from ..robot import Robot
-from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from ..engine.robot import Robot
+from ..engine.scene import CAMERA, FLOOR, add_scene, add_sun
 from .drive import ANGLE, SHAPE
 from .parameters import NUMBERS, SIDES
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
-from ..task import Motion, Task, drawn
+from ..engine.task import Motion, Task, drawn
 from .drive import ANGLE, SHAPE
 from .gait import HoppingGait, WalkingGait
 from .kinematics import feet, place, segments

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..single import SingleEnv
-from ..vector import BatchVectorEnv
+from ..engine.single import SingleEnv
+from ..engine.vector import BatchVectorEnv
 from .task import HexapodTask
 
 
@@ -83,7 +83,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     | Parameter           | Type                | Default    | Description |
     |---------------------|---------------------|------------|-----------------------------------------------------------|
     | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`, `net`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
-    | `randomization`     | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
+    | `randomization`     | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
     | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
     | `control_rate`      | float               | `1.0`      | actions per second [Hz] |
     | `action_delay`      | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
@@ -98,7 +98,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     | `width`, `height`   | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Hexapod-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.
 
     ## Version History

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...actuators import Chain, DrivenCoordinate, load_chain_set
 from ...common.errors import SealegsError
-from ..robot import Robot
-from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from ..engine.robot import Robot
+from ..engine.scene import CAMERA, FLOOR, add_scene, add_sun
 from . import ground
 from .kinematics import foot_load, leg_angle, link_angles, stance
 from .parameters import GOAL_RANGE, LEGS, NUMBERS

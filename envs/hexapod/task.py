@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...actuators.gravity import GRAVITY
-from ..task import ModulatedTask, Motion, drawn
+from ..engine.task import ModulatedTask, Motion, drawn
 from . import modulated_gait
 from .gait import PERIOD
 from .ground import penetration

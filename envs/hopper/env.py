@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..single import SingleEnv
-from ..vector import BatchVectorEnv
+from ..engine.single import SingleEnv
+from ..engine.vector import BatchVectorEnv
 from .task import HopperTask
 
 
@@ -80,7 +80,7 @@ class HopperEnv(SingleEnv, task=HopperTask):
     | Parameter         | Type                | Default    | Description |
     |-------------------|---------------------|------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`     | chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `sv1270tg` |
-    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/hopper/parameters.py` |
     | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
@@ -95,7 +95,7 @@ class HopperEnv(SingleEnv, task=HopperTask):
     | `width`, `height` | int                 | `640, 480` | of the picture [px] |
 
     `gymnasium.make_vec("SeaLegs/Hopper-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
-    the same step; `sealegs.envs.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
+    the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.
 
     ## Version History

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import DrivenCoordinate
-from ..robot import Effect, Robot
-from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from ..engine.robot import Effect, Robot
+from ..engine.scene import CAMERA, FLOOR, add_scene, add_sun
 from .parameters import GOAL_RANGE, NUMBERS
 
 BASE, UPPER, LOWER, FOOT = "base", "upper", "lower", "foot"

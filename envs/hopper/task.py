@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import Motion, Task, drawn
+from ..engine.task import Motion, Task, drawn
 from .robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
 
 SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms

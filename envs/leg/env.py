@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..single import SingleEnv
-from ..vector import BatchVectorEnv
+from ..engine.single import SingleEnv
+from ..engine.vector import BatchVectorEnv
 from .task import LegTask
 
 
@@ -67,7 +67,7 @@ class LegEnv(SingleEnv, task=LegTask):
     | Parameter         | Type                | Default        | Description |
     |-------------------|---------------------|----------------|-------------------------------------------------------------|
     | `actuator`        | str, list or dict   | `None`         | chain: a name in `configs/actuator`, a path, stages, or one of these by joint; `None`: `silo4` |
-    | `randomization`   | dict or path        | `None`         | numbers drawn anew in every episode, see `envs/randomization.py` |
+    | `randomization`   | dict or path        | `None`         | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
     | `params`          | dict                | `None`         | numbers of the robot, see `envs/leg/parameters.py` |
     | `control_rate`    | float               | `100.0`        | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`          | from an observation to its goal [s]; a whole number of physics steps |

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...actuators import Chain, DrivenCoordinate, load_chain_set
 from ...common.errors import SealegsError
-from ..robot import Robot
-from ..scene import CAMERA, FLOOR, add_scene, add_sun
+from ..engine.robot import Robot
+from ..engine.scene import CAMERA, FLOOR, add_scene, add_sun
 from .inertia import Body, realizable, rotors
 from .parameters import LIMITS, LINKS, NUMBERS
 

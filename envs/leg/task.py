@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..task import ModulatedTask, Motion, drawn
+from ..engine.task import ModulatedTask, Motion, drawn
 from . import path
 from .kinematics import angles, foot
 from .robot import JOINTS, LEG

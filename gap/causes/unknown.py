@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from ...actuators import Chain
 from ...common.errors import nearest
 from ...envs.bench.robot import BARE
-from ...envs.robot_file import is_robot_file
+from ...envs.described.robot_file import is_robot_file
 from ..load.load import Load
 from ..load.pendulum import PendulumLoad
 from ..log.types import LogError, MeasuredRun

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, Drivetrain
+from ...envs.engine.scene import FLOOR
 from ...envs.hopper.robot import HOPPER, LOWER
-from ...envs.scene import FLOOR
 from ..replay.parameters import absolute
 
 STIFFEST = 1.5e4  # [N/m] of a ground that the engine's step resolves; half a kilogram sinks a millimetre into it

@@ -15,8 +15,8 @@ from mujoco.batch import Batch
 
 from ...actuators.engine import install
 from ...actuators.gravity import GRAVITY
+from ...envs.engine.scene import FLOOR
 from ...envs.hopper.robot import HIP, KNEE
-from ...envs.scene import FLOOR
 from ..log.types import MeasuredRun
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
 from .many import on_many_grounds

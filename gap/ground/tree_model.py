@@ -15,8 +15,8 @@ import numpy as np
 from ...actuators import Chain, Drivetrain
 from ...actuators.mounting import ENGINE_DEFAULTS
 from ...common.errors import SealegsError
-from ...envs.base import BaseLayout
-from ...envs.robot import Robot
+from ...envs.engine.base import BaseLayout
+from ...envs.engine.robot import Robot
 from ..replay.parameters import absolute
 
 BASE = "base"  # a free joint that has no name

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...envs.base import BaseLayout
+from ...envs.engine.base import BaseLayout
 from ..checks.signal import derivatives
 from ..log.types import MeasuredRun
 from .problem import Judged

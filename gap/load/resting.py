@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ...envs.model_file import centre_of
+from ...envs.described.model_file import centre_of
 from ..log.stretches import stretches
 from ..log.types import Array, MeasuredRun
 from .robot import LoggedRobot

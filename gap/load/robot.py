@@ -11,10 +11,10 @@ from typing import Any
 import mujoco
 
 from ...actuators import Chain
-from ...envs.model_errors import line_of, uncompiled
-from ...envs.robot import RobotError
-from ...envs.robot_described import FileJoint, RobotFile
-from ...envs.robot_file import is_robot_file, load_robot_file
+from ...envs.described.model_errors import line_of, uncompiled
+from ...envs.described.robot_described import FileJoint, RobotFile
+from ...envs.described.robot_file import is_robot_file, load_robot_file
+from ...envs.engine.robot import RobotError
 from ..log.types import Array, LogError, MeasuredRun
 from .ties import moved_by
 

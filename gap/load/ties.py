@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from ...envs.model_ties import followers_of
+from ...envs.engine.model_ties import followers_of
 from ..log.types import Array
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ...envs.model_file import tip_of
+from ...envs.described.model_file import tip_of
 from ..log.types import Array
 from .dynamics import Dynamics, single_joints
 from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_COLUMNS, T_OWN, T_SIZE

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...common.errors import SealegsError, nearest
-from ...envs.robot_file import is_robot_file
+from ...envs.described.robot_file import is_robot_file
 from .sidecar import Sidecar, files_named, read_sidecar
 from .table import ENDINGS, ONLY_JOINT, check_columns, group_of, read_batches
 from .types import OTHER, REQUIRED_EVERYWHERE, Array, JointLog, LogError, MeasuredRun, MeasuredSet

@@ -7,9 +7,9 @@ import math
 import mujoco
 import numpy as np
 
-from ...envs.model_drives import ModelDrive
-from ...envs.model_file import ModelFile
-from ...envs.robot_described import FileJoint
+from ...envs.described.model_drives import ModelDrive
+from ...envs.described.model_file import ModelFile
+from ...envs.described.robot_described import FileJoint
 
 SAME = 1e-9  # of a control: what differs by less is the same
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...common.atomic import STAGED, folder_written
 from ...common.extras import missing_package
-from ...envs.robot_file import is_robot_file
+from ...envs.described.robot_file import is_robot_file
 from ..experiment import write_experiment
 from ..log.parts import TEST
 from ..log.progress import Milestone, Progress

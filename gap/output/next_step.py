@@ -11,8 +11,8 @@ import numpy as np
 
 from ...common import plugins
 from ...common.errors import SealegsError
+from ...envs.described.robot_file import is_robot_file
 from ...envs.extended import read_extended
-from ...envs.robot_file import is_robot_file
 from ...envs.robots import ROBOTS, get_robot
 from ..experiment.proposal import REPEATS, SHOWS
 from ..load.efforts import EFFORTS, predicted

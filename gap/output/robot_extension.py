@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ...envs.described.robot_numbers import inertia_about
 from ...envs.extended import Change
-from ...envs.robot_numbers import inertia_about
 from ..causes.contact import STOPS
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import NO_LEVER, arm_of, carries, tip_behind

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
+from ...envs.described.robot_described import FileJoint, RobotFile
+from ...envs.engine.model_poses import keyframes, stand, standing
 from ...envs.extended import Extended
-from ...envs.model_poses import keyframes, stand, standing
-from ...envs.robot_described import FileJoint, RobotFile
 from ..load.robot import robot_of
 from ..log.types import MeasuredSet
 from .file_controls import FileControls, drive_of

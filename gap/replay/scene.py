@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from ...envs.model_couplings import wrapped
+from ...envs.described.model_couplings import wrapped
 from ..load.robot import LoggedRobot
 from ..load.tree import carries
 from ..log.types import MeasuredRun

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain
-from ...envs.robot_described import stated
+from ...envs.described.robot_described import stated
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_COUPLING, E_INERTIA, E_POSITION, E_SLOPE, T_OWN, T_SIZE, T_SPIN

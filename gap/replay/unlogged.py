@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from ...envs.model_ties import Follower, followers_of, home_of
+from ...envs.engine.model_ties import Follower, followers_of, home_of
 from ..load.robot import LoggedRobot
 from ..load.tree import Motion, is_passive, passive_torques
 from ..log.types import MeasuredRun

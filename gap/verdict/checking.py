@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...common.errors import nearest
-from ...envs.robot_file import is_robot_file
+from ...envs.described.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
 from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.motion import LARGEST_ANGLE

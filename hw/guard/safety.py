@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...common.errors import SealegsError
-from ...envs.robot_within import POSITIONS, TIMES, never_stops
+from ...envs.described.robot_within import POSITIONS, TIMES, never_stops
 from ..bus.packets import BusError, in_words
 from ..machine.following import GOAL_SPEED, Following, ability
 from ..machine.limits import Limits as Limits

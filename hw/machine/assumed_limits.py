@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...actuators.stages.controller import UNLIMITED
-from ...envs.model_file import UNITS
-from ...envs.robot_assembly import WARNING
-from ...envs.robot_described import HINGES, SLIDES, FileJoint, RobotFile
-from ...envs.robot_within import TURN
-from ...envs.robot_yaml import AssumedLimits
-from ...envs.urdf_speeds import urdf_speeds
+from ...envs.described.model_file import UNITS
+from ...envs.described.robot_assembly import WARNING
+from ...envs.described.robot_described import HINGES, SLIDES, FileJoint, RobotFile
+from ...envs.described.robot_within import TURN
+from ...envs.described.urdf_speeds import urdf_speeds
+from ...envs.new_robot.robot_yaml import AssumedLimits
 from .following import LEAST
 from .limits import usual_reach
 

@@ -26,8 +26,8 @@ from ...common.atomic import write_text
 from ...common.errors import SealegsError
 from ...configs.check import Count, checked
 from ...configs.script import run
-from ...envs.base import BaseLayout
-from ...envs.robot import Robot
+from ...envs.engine.base import BaseLayout
+from ...envs.engine.robot import Robot
 from ..bus.registers import ServoModel
 from .calibration_file import read_joints
 from .joints import (

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError
 from ...configs.check import Natural, Positive, checked, checked_fields
-from ...envs.robot import Robot
+from ...envs.engine.robot import Robot
 from ..bus.registers import ServoModel
 from .joints import MAIN, CalibrationError, Joint, Line, line_of
 

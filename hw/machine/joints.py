@@ -10,9 +10,9 @@ from typing import Any
 
 from ...common.errors import SealegsError, nearest
 from ...configs.check import Count, checked, checked_fields
-from ...envs.name_patterns import fits, fitting
-from ...envs.robot import Robot
-from ...envs.robot_entries import ServoEntry
+from ...envs.described.name_patterns import fits, fitting
+from ...envs.described.robot_entries import ServoEntry
+from ...envs.engine.robot import Robot
 from ..bus.address import Address
 from ..bus.registers import ServoModel, load_model
 
@@ -138,7 +138,7 @@ class Sensor:
 
     Attributes:
         name: ``<joint>.link`` for the far side of a joint's spring, or a quantity of the base such as ``base_z`` or
-            ``body.pitch`` (:mod:`sealegs.envs.base`).
+            ``body.pitch`` (:mod:`sealegs.envs.engine.base`).
         id: on the bus.
         zero: step at which what it measures is 0.
         per_radian: how far what it measures moves per radian of its own, with its sign [rad or m].
@@ -297,7 +297,7 @@ def read_sensors(
         joints: of the robot.
         servo: model on the first bus.
         lines: buses beside the first one.
-        quantities: of the robot's base, as :mod:`sealegs.envs.base` names them.
+        quantities: of the robot's base, as :mod:`sealegs.envs.engine.base` names them.
 
     Raises:
         CalibrationError: one measures nothing that there is, has the id of a joint or of another one, lacks something,

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...common.errors import SealegsError, nearest
 from ...configs.check import checked
-from ...envs.name_patterns import fitting
-from ...envs.robot_within import POSITIONS
+from ...envs.described.name_patterns import fitting
+from ...envs.described.robot_within import POSITIONS
 from .robot import ServoRobot
 
 REACH = 0.9  # [rad] of an excitation to either side of the middle of a hinge's range

@@ -11,11 +11,11 @@ import numpy as np
 
 from ...actuators import Chain, load_chain
 from ...configs.check import checked
-from ...envs.base import BaseLayout
 from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
+from ...envs.engine.base import BaseLayout
+from ...envs.engine.position_goals import check_position_goals, torque_driven
+from ...envs.engine.robot import Robot
 from ...envs.extended import read_extended
-from ...envs.position_goals import check_position_goals, torque_driven
-from ...envs.robot import Robot
 from ...envs.robots import ROBOTS, get_robot
 from ..bus.registers import ServoModel, load_model
 from ..bus.servo_state import ServoState

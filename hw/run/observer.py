@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...common.errors import SealegsError
-from ...envs.base import BaseLayout
 from ...envs.contract import Contract, goal_scale
-from ...envs.task import ModulatedTask, Motion, Task
+from ...envs.engine.base import BaseLayout
+from ...envs.engine.task import ModulatedTask, Motion, Task
 from ..machine.robot import Reading, ServoRobot
 
 

@@ -17,7 +17,7 @@ from ...actuators import Chain, load_chain
 from ...actuators.stages import build_stage
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
-from ...envs.robot import Robot
+from ...envs.engine.robot import Robot
 
 
 def hide(

@@ -14,10 +14,10 @@ from ...actuators.law import host_reading
 from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
 from ...common.errors import SealegsError, nearest
-from ...envs.base import BaseLayout
-from ...envs.model_ties import in_turn, place_followers
-from ...envs.position_goals import check_position_goals
-from ...envs.robot import ChainSource, Robot
+from ...envs.engine.base import BaseLayout
+from ...envs.engine.model_ties import in_turn, place_followers
+from ...envs.engine.position_goals import check_position_goals
+from ...envs.engine.robot import ChainSource, Robot
 from .hidden import hide
 
 NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed
@@ -80,7 +80,7 @@ class Machine:
             params: numbers of the robot other than its own.
             sensors: encoders that drive nothing: ``<coordinate>.link``, on the far side of a spring, or a joint of the
                 model; and how far what they measure moves per radian of theirs [rad or m].
-            pose: quantities of the model's joints, see :mod:`sealegs.envs.base`.
+            pose: quantities of the model's joints, see :mod:`sealegs.envs.engine.base`.
 
         Raises:
             SealegsError: one of them does not fit the robot.
@@ -230,7 +230,7 @@ class Machine:
         return float(self._states[joint][S_TORQUE])
 
     def base(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Quantities of :mod:`sealegs.envs.base` and their rates, true; a free joint's turn rates are left at 0."""
+        """Quantities of :mod:`sealegs.envs.engine.base` and their rates, true; a free joint's turn rates are left at 0."""
         return self.layout.values_of(self.model, self.data.qpos), self.layout.rates_of(self.model, self.data.qvel)
 
     def duty(self, joint: int) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from sealegs.envs.any_robot.reach import ReachTask
-from sealegs.envs.task import Motion
+from sealegs.envs.engine.task import Motion
 
 
 @dataclass(frozen=True)

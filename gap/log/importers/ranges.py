@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ....envs.robot_file import is_robot_file, load_robot_file
+from ....envs.described.robot_file import is_robot_file, load_robot_file
 from ..types import Array, LogError, MeasuredRun
 from .expression import column
 from .mapping import known_names

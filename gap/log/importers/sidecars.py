@@ -16,7 +16,7 @@ from ....actuators.stages.controller import UNLIMITED
 from ....common.documents import parse_yaml
 from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
-from ....envs.robot_file import RobotFile, is_robot_file, load_robot_file
+from ....envs.described.robot_file import RobotFile, is_robot_file, load_robot_file
 from ....envs.robots import ROBOTS, get_robot
 from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS

@@ -1,0 +1,131 @@
+"""Meshes that are not there, or that MuJoCo cannot read: the geoms that show them are left out.
+
+Such a mesh changes no motion where the body's inertia is written down.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import mujoco
+
+from ..engine.robot import RobotError
+from .model_errors import line_of
+from .model_mass import plain_copy
+
+
+def without_meshes_that_fail(spec: mujoco.MjSpec, path: Path, missing: list[str], said: list[str]) -> None:
+    """Leave out geoms whose mesh cannot be had, and say which meshes these are.
+
+    Args:
+        spec: of the model; it is changed.
+        path: of the model.
+        missing: names of files that are known not to be there.
+        said: where a sentence is added for those that are not there, and one for those that cannot be read.
+
+    Raises:
+        RobotError: the mass of a body comes from such a mesh.
+    """
+    places = _places(spec, path) if _meshes_stop(spec) else {}  # MuJoCo itself knows best what it finds
+    absent = {_name(mesh): mesh.file for mesh in spec.meshes if mesh.file and places.get(_name(mesh), path) is None}
+    missing = [*missing, *absent.values()]
+    _without(spec, path, dict.fromkeys(absent, "is not there; put the file beside the model"))
+    if missing:
+        said.append(f"{path.name}: these meshes are not there: {_files(missing)}; bodies move without them, and are "
+                    "not drawn.")  # fmt: skip
+    if not places or not _meshes_stop(spec):
+        return
+    damaged = {
+        _name(mesh): mesh.file for mesh in spec.meshes if not _readable(mesh, places[_name(mesh)], _touches(spec, mesh))
+    }
+    _without(spec, path, dict.fromkeys(damaged, "MuJoCo cannot read; give it as STL or OBJ"))
+    if damaged:
+        said.append(
+            f"{path.name}: MuJoCo cannot read these meshes: {_files(damaged.values())}; bodies move without them, are "
+            "not drawn, and touch nothing with them. Give them as STL or OBJ, with a volume."
+        )
+
+
+def _files(names: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(Path(name).name for name in names))
+
+
+def _name(mesh: mujoco.MjsMesh) -> str:
+    return mesh.name or Path(mesh.file).stem
+
+
+def _places(spec: mujoco.MjSpec, path: Path) -> dict[str, Path | None]:
+    """Where the file of each mesh is, by name of the mesh: those of an attached model lie in that model's folders."""
+    home = Path(spec.modelfiledir or path.parent)
+    named = [] if path.suffix.lower() == ".urdf" else [Path(name) for name in mujoco.mju_getXMLDependencies(str(path))]
+    found = {}
+    for mesh in spec.meshes:
+        folder = Path(mesh.compiler.meshdir or "")
+        inside = folder / mesh.file
+        tried = [home / inside, home / folder / Path(mesh.file).name]
+        tried += [place for place in named if place.parts[-len(inside.parts) :] == inside.parts]
+        found[_name(mesh)] = next((place for place in tried if mesh.file and os.path.isfile(place)), None)
+    return found
+
+
+def _meshes_stop(spec: mujoco.MjSpec) -> bool:
+    """Whether the model does not compile because of a mesh."""
+    if not spec.meshes:
+        return False
+    try:
+        plain_copy(spec).compile()
+    except ValueError as error:
+        files = [Path(mesh.file).name.lower() for mesh in spec.meshes if mesh.file]
+        return any(word in line_of(error).lower() for word in ("mesh", "stl", "obj file", "decoder", ".obj", *files))
+    return False
+
+
+def _touches(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> bool:
+    """Whether a geom of this mesh is there to touch others."""
+    return any(geom.meshname == _name(mesh) and (geom.contype or geom.conaffinity) for geom in spec.geoms)
+
+
+def _readable(mesh: mujoco.MjsMesh, place: Path | None, touches: bool) -> bool:
+    """Whether a model of this mesh alone compiles."""
+    if place is None:
+        return True
+    alone = mujoco.MjSpec()
+    alone.add_mesh(name="mesh", file=str(place), scale=mesh.scale, inertia=mesh.inertia, maxhullvert=mesh.maxhullvert)
+    body = alone.worldbody.add_body(mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh", contype=int(touches), conaffinity=int(touches))
+    try:
+        alone.compile()
+    except ValueError:
+        return False
+    return True
+
+
+def _without(spec: mujoco.MjSpec, path: Path, meshes: Mapping[str, str]) -> None:
+    """Leave out meshes, by name with the reason, and the geoms that show them.
+
+    Raises:
+        RobotError: the mass of a body comes from one of them.
+    """
+    for geom in list(spec.geoms):
+        if geom.type == mujoco.mjtGeom.mjGEOM_MESH and geom.meshname in meshes:
+            if not geom.parent.explicitinertial and _moves(geom.parent):
+                file = next(mesh.file for mesh in spec.meshes if _name(mesh) == geom.meshname)
+                raise RobotError(
+                    f"{path}: body '{geom.parent.name}' takes its mass from {Path(file).name}, which "
+                    f"{meshes[geom.meshname]}, or write an inertial."
+                )
+            spec.delete(geom)
+    for mesh in list(spec.meshes):
+        if _name(mesh) in meshes:
+            spec.delete(mesh)
+
+
+def _moves(body: mujoco.MjsBody) -> bool:
+    """Whether a joint moves a body."""
+    while body.name != "world":
+        if body.joints:
+            return True
+        body = body.parent
+    return False

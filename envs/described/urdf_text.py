@@ -1,0 +1,128 @@
+"""Reads the XML of a URDF as MuJoCo does, and mends its dialects.
+
+Passed over is what belongs to other programs by a prefix. Mended are a parent ``world`` that no link declares, a
+floating joint on a root link of another name, and paths of meshes.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from ...common.documents import XML_SIZE, read_bytes, read_xml, without_comments
+from .urdf_static import without_static_inertias
+
+FOLDERS = ("meshdir", "assetdir")
+"""Where the compiler element of a URDF says that meshes are, from the URDF's own folder."""
+GROUND = "world"
+
+
+def urdf_root(path: Path) -> ElementTree.Element:
+    """The root of a URDF, without what belongs to other programs by a prefix.
+
+    Raises:
+        DocumentError: it cannot be opened, or is no XML.
+    """
+    root = read_xml(path)
+    _without_namespaces(root)
+    return root
+
+
+def has_macros(path: Path) -> bool:
+    """Whether xacro should have expanded elements of a URDF."""
+    return b"<xacro:" in without_comments(read_bytes(path, XML_SIZE))
+
+
+def _without_namespaces(root: ElementTree.Element) -> None:
+    own = root.tag.partition("}")[0] + "}" if root.tag.startswith("{") else None
+    for item in list(root.iter()):
+        for child in [child for child in item if child.tag.startswith("{") and not child.tag.startswith(own or "}")]:
+            item.remove(child)
+        for key in [key for key in item.attrib if key.startswith("{")]:
+            del item.attrib[key]
+        if own is not None:
+            item.tag = item.tag.removeprefix(own)
+
+
+def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
+    """The URDF with a link ``world`` where joints need one, and paths of meshes that can be opened.
+
+    Args:
+        path: of the URDF.
+        said: where a sentence is added for what was mended.
+        missing: where meshes that are not there are added: MuJoCo passes over those that are only looked at.
+
+    Raises:
+        DocumentError: it cannot be opened, or is no XML.
+    """
+    root = urdf_root(path)
+    if has_macros(path):
+        said.append(
+            f"{path.name} has elements of xacro, which count for nothing; expand them: xacro {path.name} > robot.urdf"
+        )
+    links = {link.get("name") for link in root.iter("link")}
+    parents = {item.get("link") for item in root.iter("parent")}
+    if GROUND in parents and GROUND not in links:
+        root.insert(0, ElementTree.Element("link", {"name": GROUND}))
+        said.append(f"{path.name} names a parent 'world' that it does not declare; it is taken for the ground.")
+    elif GROUND not in links:
+        _ground(root, path, said)
+    without_static_inertias(root, path, said)
+    extension = root.find("mujoco")
+    extension = ElementTree.SubElement(root, "mujoco") if extension is None else extension
+    compiler = extension.find("compiler")
+    compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
+    folder = mesh_folder(root)
+    for mesh in root.iter("mesh"):
+        file = urdf_mesh(path, mesh.get("filename", ""), folder)
+        if not os.path.isfile(file):
+            missing.append(file.name)
+        mesh.set("filename", str(file))
+    for key in FOLDERS:  # paths are whole now
+        compiler.attrib.pop(key, None)
+    for key, value in (("strippath", "false"), ("fusestatic", "false")):
+        compiler.set(key, value)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _ground(root: ElementTree.Element, path: Path, said: list[str]) -> None:
+    """Call the root link ``world`` where a floating joint hangs on it: MuJoCo takes no other for the ground."""
+    children = {item.get("link") for item in root.iter("child")}
+    for joint in root.findall("joint"):
+        parent = joint.find("parent")
+        name = None if parent is None else parent.get("link")
+        if joint.get("type") != "floating" or name is None or name in children:
+            continue
+        for item in (*root.findall("link"), *root.iter("parent")):
+            key = "name" if item.tag == "link" else "link"
+            if item.get(key) == name:
+                item.set(key, GROUND)
+        said.append(f"{path.name}: a floating joint hangs on its root link '{name}'; that is taken for the ground.")
+        return
+
+
+def mesh_folder(root: ElementTree.Element) -> str:
+    """Folder of meshes that a URDF's element for MuJoCo names; empty where it names none."""
+    compilers = root.findall("mujoco/compiler")
+    return next((item.get(key, "") for item in compilers for key in FOLDERS if item.get(key)), "")
+
+
+def urdf_mesh(path: Path, name: str, folder: str = "") -> Path:
+    """Where a file lies that a URDF names; of a package, in one of the folders that the URDF lies in.
+
+    Args:
+        path: of the URDF.
+        name: of the file, as it stands there.
+        folder: of meshes, from the URDF's own; files there go first.
+    """
+    name = name.removeprefix("file://")
+    if folder:
+        beside = (path.parent / folder / one for one in (Path(name).name, name))  # MuJoCo strips paths unless told
+        if (found := next((place for place in beside if os.path.isfile(place)), None)) is not None:
+            return found
+    if name.startswith("package://"):
+        inner = Path(name.removeprefix("package://"))
+        tried = [place / part for place in path.parents for part in (inner, Path(*inner.parts[1:]))]
+        name = str(next((place for place in tried if os.path.isfile(place)), inner))
+    return path.parent / name

@@ -1,0 +1,397 @@
+"""The engine of every environment: many simulations of one robot, each control step a few NumPy calls over all of them.
+
+A single environment, a Gymnasium vector environment and an SB3 one are shells around it. Simulation i of a batch with
+seed s draws from the generator of seed s + i. So it is bit-equal to a batch of one with seed s + i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from ...actuators.engine import install
+from ...actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from ...common.errors import SealegsError
+from .at_once import BreaksAtOnce
+from .model_ties import in_turn, place_followers
+from .position_goals import check_position_goals
+from .randomization import Randomization, Source
+from .robot import ChainSource
+from .sides import Sides
+from .task import ModulatedTask, Motion, Task
+from .task_shapes import check_observation, check_step
+
+
+@dataclass(slots=True)
+class Step:
+    """Outcome of one control step of n simulations; arrays are the caller's to keep.
+
+    Attributes:
+        observation: (n, size), float32; of the new episode where ``done``, if the engine resets by itself.
+        reward: (n,).
+        terminated: (n,), the episode failed.
+        truncated: (n,), it reached its time limit.
+        terms: of the reward by name, (n,) each.
+        flags: what an engineer wants to know, (n,) each: ``net_out_of_range``, ``unstable``.
+        done: numbers of the simulations whose episode ended.
+        final_observation: (len(done), size), the last of those episodes.
+    """
+
+    observation: np.ndarray
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    terms: dict[str, np.ndarray]
+    flags: dict[str, np.ndarray]
+    done: np.ndarray
+    final_observation: np.ndarray
+
+
+class BatchEngine:
+    """n simulations of one task.
+
+    Attributes:
+        task: what is asked of the robot.
+        drivetrain: the robot with its actuators.
+        chains: those of the robot that were asked for, by coordinate; the drivetrain's may have room for more.
+        batch: the simulations.
+        numbers: of the robot, by name.
+        names: of the driven coordinates, in the order of goals.
+        action_names: what the elements of an action mean.
+        dt: control step [s].
+        steps: control steps since reset, (n,).
+        drawn: values of the running episodes' randomisation by name, (n,) each.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int,
+        *,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        randomization: Source = None,
+        params: Mapping[str, float] | None = None,
+        control_rate: float = 50.0,
+        action_delay: float = 0.0,
+        max_episode_steps: int | None = None,
+        autoreset: bool = True,
+        threads: int = 0,
+    ) -> None:
+        """Build the robot and its simulations; :meth:`reset` starts them.
+
+        Args:
+            task: what is asked of the robot.
+            num_envs: simulations side by side.
+            actuator: chain of all coordinates, or chains by coordinate; None: the robot's own.
+            randomization: see :mod:`sealegs.envs.engine.randomization`.
+            params: numbers of the robot other than its own.
+            control_rate: actions per second [Hz]; the physics step must fit into their distance a whole number of
+                times.
+            action_delay: from an observation to the goal that follows from it [s], a whole number of physics steps
+                and less than the distance of two goals; the goal before holds meanwhile.
+            max_episode_steps: control steps until truncation; None: never.
+            autoreset: start a new episode in the step that ends one.
+            threads: of the engine; 0: one per core.
+
+        Raises:
+            SealegsError: one of the arguments does not fit the robot, or a chain takes no position goals.
+        """
+        self._sound = False  # what the task gives, which the first step looks at
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise SealegsError(f"num_envs is {num_envs!r}; it must be a whole number of at least 1.")
+        self.task, self.num_envs = task, num_envs
+        self.numbers = task.robot.parameters(params)
+        self.drivetrain = task.robot.drivetrain(actuator, params)
+        self.chains = self.drivetrain.chains
+        check_position_goals(task.robot, self.chains, "a task gives")
+        self.randomization = Randomization(self.drivetrain, randomization)
+        if self.randomization.chains != self.chains:
+            self.drivetrain = task.robot.drivetrain(self.randomization.chains, params)
+        model = self.drivetrain.model
+        self.substeps = _substeps(control_rate, model.opt.timestep)
+        self._late = _late(action_delay, model.opt.timestep)
+        self.dt = self.substeps * model.opt.timestep
+        self.max_episode_steps, self.autoreset = max_episode_steps, autoreset
+        self.batch = Batch(model, num_envs, 1 if num_envs == 1 else threads)
+        self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self._ctrl, self._time = self.batch.bind("ctrl"), self.batch.bind("time")
+        self._userdata = self.batch.bind("userdata")
+        # position, speed, acceleration or control went bad, and the engine reset the simulation
+        self._warnings = self.batch.warning[:, int(mujoco.mjtWarning.mjWARN_BADQPOS) :, 1]
+        self._programs: np.ndarray | None = None
+        self._followers = in_turn(model)
+        names = [item.name for item in self.drivetrain.coordinates]
+        addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
+        self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
+        self._motor, self._link = (Sides(self.drivetrain, names, side) for side in ("motor", "link"))
+        limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
+        self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
+        self._limits = limits.T
+        self._middle = np.broadcast_to(self.goal_centre, (num_envs, len(names)))
+        self.names, self.action_names = names, task.action_names()
+        self.observation_size = len(task.observation_names())
+        shape = (num_envs, len(names))
+        self._action = np.zeros((num_envs, len(self.action_names)))
+        self._link_before, self._reading_before = np.zeros(shape), np.zeros(shape)
+        self._generated = _Generated(task, self) if isinstance(task, ModulatedTask) else None
+        self.goals_per_step = self._generated.goals_per_step if self._generated is not None else 1
+        longest = self.substeps if self._generated is None else self._generated.substeps
+        if self._late >= longest:
+            most = longest * model.opt.timestep
+            raise SealegsError(f"action_delay is {action_delay:g} s; here it must be less than {most:g} s.")
+        self.watch: Callable[[], None] = _nobody  # called at each new goal, for films
+        self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
+        self.steps = np.zeros(num_envs, dtype=np.int64)
+        self._breaks = BreaksAtOnce(task.robot.name, num_envs)
+        self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
+        self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
+        self.seed(None)
+
+    # --- looking -----------------------------------------------------------------------------------------------
+
+    def look(self, simulation: int, data: mujoco.MjData) -> mujoco.MjData:
+        """Copy the state of one simulation into ``data``, with what follows from its positions (``xpos``, ``xmat``,
+        centres of mass, cameras, tendons); the simulation is not touched."""
+        model = self.drivetrain.model
+        mujoco.mj_setState(model, data, self.batch.state[simulation], mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        mujoco.mj_tendon(model, data)
+        return data
+
+    # --- starting ----------------------------------------------------------------------------------------------
+
+    def seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Seed the generators: one number s makes s, s + 1, ...; None takes new entropy; a list holds one for each."""
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds: Sequence[int | None] = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise SealegsError(f"there are {len(seeds)} seeds for {self.num_envs} simulations.")
+        self.generators = [np.random.Generator(np.random.PCG64(np.random.SeedSequence(value))) for value in seeds]
+
+    def reset(self, simulations: np.ndarray | None = None) -> np.ndarray:
+        """Start new episodes in all or some simulations; their observations, (m, size), float32."""
+        chosen = np.arange(self.num_envs) if simulations is None else simulations
+        self._start(chosen)
+        return self._observation(self.motion(self._action))[chosen]
+
+    def _start(self, chosen: np.ndarray) -> None:
+        task_draws, draws = self.task.draws, self.task.draws + len(self.randomization.draws)
+        random = np.empty((len(chosen), draws))
+        for row, number in enumerate(chosen):
+            random[row] = self.generators[number].random(draws)
+        install()  # a library may have taken the callback's place since
+        self.batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        for name, values in self.randomization.apply(
+            self.drivetrain, self.batch, chosen, random[:, task_draws:]
+        ).items():
+            self.drawn[name][chosen] = values
+        self._programs = self.batch.expanded("actuator_user")
+        qpos, qvel = self._qpos[chosen], self._qvel[chosen]
+        goals = self.task.place(self.drivetrain, self.numbers, random[:, :task_draws], qpos, qvel)
+        place_followers(self.drivetrain.model, self._followers, qpos)
+        self._command[chosen] = self.task.commands(random[:, :task_draws])
+        self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
+        self.batch.forward(chosen)  # the chains' memories start at these goals
+        self.steps[chosen] = 0
+        if self._generated is not None:
+            self._action[chosen] = 0.0
+            self._generated.begin(chosen, random[:, :task_draws], goals)
+        else:
+            zero, per_action = self._scale()
+            self._action[chosen] = np.clip((goals - zero[chosen]) / per_action, -1.0, 1.0)
+        self._link_before[chosen] = self._link(self._qpos[chosen])
+        self._reading_before[chosen] = self._readings()[chosen]
+
+    # --- stepping ----------------------------------------------------------------------------------------------
+
+    def step(self, action: np.ndarray) -> Step:
+        """Advance every simulation by one control step.
+
+        Args:
+            action: (n, k), finite; -1 and 1 are the limits of the robot's goals, or how far the task lets actions
+                correct its reference or modulate its generator.
+
+        Raises:
+            SealegsError: the action has another shape, or is not finite.
+        """
+        action = np.asarray(action, np.float64)
+        if action.shape != self._action.shape or not np.isfinite(action).all():
+            raise SealegsError(self._refusal(action))
+        previous, action = self._action, np.clip(action, -1.0, 1.0)
+        if self._generated is not None:
+            self._generated.step(action)
+        else:
+            goals = self._goals(action)
+            if self._late:
+                self.batch.step(nstep=self._late)
+            self._ctrl[:] = goals
+            self.watch()
+            self.batch.step(nstep=self.substeps - self._late)
+        self._action = action
+        self.steps += 1
+        motion = self.motion(previous)
+        terms, failed = self.task.rewards(motion), self.task.failed(motion)
+        if not self._sound:
+            check_step(self.task, terms, failed, self.num_envs)
+            self._sound = True
+        reward = np.zeros(self.num_envs)
+        for term in terms.values():
+            reward += term
+        unstable = self._warnings.any(axis=1)
+        self._breaks.see(unstable, self.steps, self.drivetrain.model.opt.timestep)
+        terminated = failed | unstable
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        if self.max_episode_steps is not None:
+            np.greater_equal(self.steps, self.max_episode_steps, out=truncated)
+        observation = self._observation(motion)
+        flags = {"net_out_of_range": self._userdata[:, self._out_of_range].sum(axis=1), "unstable": unstable}
+        self._link_before, self._reading_before = motion.link, motion.reading
+        done = np.flatnonzero(terminated | truncated)
+        final = observation[done]
+        if self.autoreset and len(done):
+            self._start(done)
+            observation[done] = self._observation(self.motion(self._action))[done]
+        return Step(observation, reward, terminated, truncated, terms, flags, done, final)
+
+    def _goals(self, action: np.ndarray) -> np.ndarray:
+        zero, per_action = self._scale()
+        goals = zero + per_action * self.task.on_joints(self.steps * self.dt, action)
+        return np.clip(goals, *self._limits)  # a correction may lead beyond
+
+    def _scale(self) -> tuple[np.ndarray, np.ndarray]:
+        """Goals at action 0 (n, k) and their change per unit of action (k,) [rad], at this moment."""
+        corrected = self.task.reference(self.steps * self.dt, self._command, self.numbers)
+        return (self._middle, self.goal_half) if corrected is None else corrected
+
+    def _refusal(self, action: np.ndarray) -> str:
+        if action.shape != self._action.shape:
+            return (
+                f"actions have the shape {action.shape}; {self.num_envs} simulations of {', '.join(self.action_names)} "
+                f"need {self._action.shape}."
+            )
+        number, column = np.argwhere(~np.isfinite(action))[0]
+        return (
+            f"the action of '{self.action_names[column]}' in simulation {number} is {action[number, column]:g}; "
+            "give finite numbers (a learner that diverged gives none: lower its learning rate)."
+        )
+
+    def motion(self, previous_action: np.ndarray) -> Motion:
+        """What rewards and observations are computed from, as the robots stand now."""
+        qpos, qvel = self._qpos, self._qvel
+        link, reading = self._link(qpos), self._readings()
+        return Motion(
+            qpos=qpos,
+            qvel=qvel,
+            link=link,
+            link_speed=(link - self._link_before) / self.dt,
+            reading=reading,
+            reading_speed=(reading - self._reading_before) / self.dt,
+            torque=self._userdata[:, self._torques],
+            motor_speed=self._motor.speed(qvel),
+            action=self._action,
+            previous_action=previous_action,
+            command=self._command,
+            time=self.steps * self.dt,
+            numbers=self.numbers,
+            **(self._generated.motion() if self._generated is not None else {}),
+        )
+
+    def _readings(self) -> np.ndarray:
+        columns = [
+            self.drivetrain.reading(name, self._qpos, self._userdata, self._time, self._programs) for name in self.names
+        ]
+        return np.stack(columns, axis=1)
+
+    def _observation(self, motion: Motion) -> np.ndarray:
+        parts = self.task.observe(motion)
+        if not self._sound:
+            check_observation(self.task, parts, self.num_envs, self.observation_size)
+        observation = np.empty((self.num_envs, self.observation_size), np.float32)
+        at = 0
+        for part in parts:
+            width = 1 if part.ndim == 1 else part.shape[1]
+            observation[:, at : at + width] = part[:, None] if part.ndim == 1 else part
+            at += width
+        return observation
+
+
+def _nobody() -> None:
+    """Nobody watches."""
+
+
+class _Generated:
+    """The generator that actions modulate: its memory, and the power drawn in the latest control step."""
+
+    def __init__(self, task: ModulatedTask, engine: BatchEngine) -> None:
+        self._task, self._engine = task, engine
+        timestep = engine.drivetrain.model.opt.timestep
+        periods = [engine.dt / task.goal_period, task.goal_period / task.sample_period, task.sample_period / timestep]
+        if any(round(count) < 1 or abs(count - round(count)) > 1e-6 * count for count in periods):
+            raise SealegsError(
+                f"a control step of {engine.dt:g} s, goals every {task.goal_period:g} s, samples every "
+                f"{task.sample_period:g} s and steps of {timestep:g} s do not fit into one another a whole number of "
+                "times; change control_rate."
+            )
+        self.goals_per_step, self._samples, self.substeps = (round(count) for count in periods)
+        self._memory = np.zeros((engine.num_envs, task.memory))
+        self._power = np.zeros(engine.num_envs)
+        self._qpos_rate = np.zeros_like(engine._qpos)
+
+    def begin(self, chosen: np.ndarray, random: np.ndarray, goals: np.ndarray) -> None:
+        engine = self._engine
+        self._memory[chosen] = self._task.begin(engine.numbers, random, goals, engine._command[chosen])
+        self._power[chosen], self._qpos_rate[chosen] = 0.0, 0.0
+
+    def step(self, action: np.ndarray) -> None:
+        engine, task = self._engine, self._task
+        before, total = engine._qpos.copy(), np.zeros(engine.num_envs)
+        for _ in range(self.goals_per_step):
+            goals = task.generate(engine.numbers, action, engine._command, self._memory)
+            if engine._late:  # goals before it hold; power is sampled where it was
+                engine.batch.step(nstep=engine._late)
+            engine._ctrl[:] = np.clip(goals, *engine._limits)
+            engine.watch()
+            for sample in range(self._samples):
+                engine.batch.step(nstep=self.substeps - (engine._late if sample == 0 else 0))
+                torque, speed = engine._userdata[:, engine._torques], engine._motor.speed(engine._qvel)
+                total += task.power(engine.numbers, torque, speed)
+        self._power = total / (self.goals_per_step * self._samples)
+        self._qpos_rate = (engine._qpos - before) / engine.dt
+
+    def motion(self) -> dict[str, np.ndarray]:
+        return {"memory": self._memory, "power": self._power, "qpos_rate": self._qpos_rate}
+
+
+def _late(action_delay: float, timestep: float) -> int:
+    """Physics steps in a delay [s]."""
+    _check_number("action_delay", action_delay)
+    count = action_delay / timestep
+    if action_delay < 0.0 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+        raise SealegsError(
+            f"action_delay is {action_delay:g} s; it must be a whole number of steps of {timestep:g} s, or 0."
+        )
+    return round(count)
+
+
+def _substeps(control_rate: float, timestep: float) -> int:
+    _check_number("control_rate", control_rate)
+    count = 1.0 / (control_rate * timestep) if control_rate > 0.0 else 0.0
+    if round(count) < 1 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+        raise SealegsError(
+            f"control_rate is {control_rate:g} Hz; its period must be a whole number of steps of {timestep:g} s."
+        )
+    return round(count)
+
+
+def _check_number(name: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise SealegsError(f"{name} is {value!r}; it must be a finite number.")

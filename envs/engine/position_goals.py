@@ -1,0 +1,42 @@
+"""Tasks and servos give position goals: a chain whose command is a torque is refused where one of them is built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ...actuators import Chain
+from .robot import Robot, RobotError
+
+
+def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str) -> None:
+    """Make sure that every chain of a robot takes position goals [rad or m].
+
+    A ``torque_command`` passes its command on as N.m or N, so that a goal of 0.5 rad would act as 0.5 N.m, and a torque
+    would be sent to a servo as an angle. Robots with such chains can be read and diagnosed all the same.
+
+    Args:
+        robot: that the chains drive.
+        chains: by coordinate.
+        there: what goes between host and chain, such as ``a task gives``.
+
+    Raises:
+        RobotError: a chain takes torques.
+    """
+    driven = torque_driven({name: chain.to_list() for name, chain in chains.items()})
+    if not driven:
+        return
+    force = "force [N]" if robot.unit(driven[0]) == "m" else "torque [N.m]"
+    which = f"the chains of joints {', '.join(driven)} take"
+    if len(driven) == 1:
+        which = f"the chain of joint '{driven[0]}' takes"
+    raise RobotError(
+        f"robot '{robot.name}': {which} a {force} as command (torque_command), and {there} position goals; name a "
+        "chain with a position controller, such as ideal or a servo of the library, in the robot's file or as "
+        "actuator=: what torques drive can be diagnosed, but not trained or deployed here."
+    )
+
+
+def torque_driven(chains: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    """Coordinates whose command is a torque, from the stages of their chains."""
+    return [name for name, stages in chains.items() if any("torque_command" in stage for stage in stages)]

@@ -1,0 +1,205 @@
+"""Domain randomisation: parameters of chains, bodies and floor that every episode of every simulation draws anew.
+
+hip:    {friction.viscous: [0.25, 0.45]}       chain of one coordinate: stage.parameter, uniform between two values
+all:    {position_p.gain: {times: [0.8, 1.2]}} chains of all coordinates: multiples of their own value
+mass:   {base: [0.9, 1.1]}                     multiples of a body's mass and inertia; all: every body together
+floor:  {friction: [0.6, 1.0]}                 sliding friction of the floor
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mujoco.batch import Batch
+
+from ...actuators import Chain, Drivetrain
+from ...actuators.layout import P_STATE_SIZE
+from ...common.documents import DocumentError, read_yaml
+from ...common.errors import SealegsError, nearest
+from .scene import FLOOR
+
+
+class RandomizationError(SealegsError):
+    """A randomisation that names something the robot does not have, or gives a range that is none."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One randomised number.
+
+    Attributes:
+        group: coordinate, ``mass`` or ``floor``.
+        name: ``stage.parameter``, body, or ``friction``.
+        low: smallest value.
+        high: largest value.
+    """
+
+    group: str
+    name: str
+    low: float
+    high: float
+
+
+Source = Mapping[str, Any] | str | Path | None
+
+
+class Randomization:
+    """What of a drivetrain varies, and how to write drawn values into a batch.
+
+    Attributes:
+        draws: the numbers that vary, in the order of :meth:`apply`'s random numbers.
+        chains: chain of each coordinate to build the drivetrain from, such that every value that can be drawn has its
+            place: a friction law that the robot's own chain leaves out, or memory. Otherwise the robot's own.
+    """
+
+    def __init__(self, drivetrain: Drivetrain, source: Source = None) -> None:
+        """Check ``source``, a mapping as in the module's docstring or the path of a YAML file with one.
+
+        Raises:
+            RandomizationError: something in it does not fit the drivetrain.
+            ChainError: a chain does not have a parameter or cannot take a value.
+        """
+        self.draws = tuple(_draws(drivetrain, read_randomization(source)))
+        self._nominal = drivetrain.chains
+        self._columns = {
+            group: [(k, draw) for k, draw in enumerate(self.draws) if draw.group == group]
+            for group in (*drivetrain.chains, "mass", "floor")
+        }
+        self.chains = {name: self._with_room(name) for name in self._nominal}
+
+    def _with_room(self, name: str) -> Chain:
+        chain = self._nominal[name]
+        for _, draw in self._columns[name]:
+            low, high = (chain.with_value(draw.name, value) for value in (draw.low, draw.high))
+            if _memory(low) != _memory(high):
+                raise RandomizationError(
+                    f"randomization.{name}.{draw.name} reaches from {draw.low:g} to {draw.high:g}, but at "
+                    f"{draw.low:g} the law keeps other memory: begin the range above it, at {draw.high / 1000.0:g} say."
+                )
+            wider = low if low.friction_needs_law() else high
+            if (wider.friction_needs_law(), *_memory(wider)) != (chain.friction_needs_law(), *_memory(chain)):
+                chain = wider
+        return chain
+
+    def apply(
+        self, drivetrain: Drivetrain, batch: Batch, simulations: np.ndarray, random: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Write new values into some simulations.
+
+        Args:
+            drivetrain: built from :attr:`chains`.
+            batch: of its model.
+            simulations: their numbers (m,), ascending.
+            random: uniform numbers in [0, 1), (m, len(draws)).
+
+        Returns:
+            The values by ``group.name``, (m,) each.
+        """
+        if not self.draws:
+            return {}
+        low, high = (np.array([getattr(draw, end) for draw in self.draws]) for end in ("low", "high"))
+        values = low + random * (high - low)
+        for name, nominal in self._nominal.items():
+            for row, simulation in enumerate(simulations if self._columns[name] else ()):
+                chain = nominal
+                for column, draw in self._columns[name]:
+                    chain = chain.with_value(draw.name, float(values[row, column]))
+                drivetrain.set_chain(batch, name, chain, int(simulation))
+        if self._columns["mass"]:
+            self._scale_masses(batch, simulations, values)
+        for column, _ in self._columns["floor"]:
+            batch.expand("geom_friction")[simulations, batch.model.geom(FLOOR).id, 0] = values[:, column]
+        return {f"{draw.group}.{draw.name}": values[:, column] for column, draw in enumerate(self.draws)}
+
+    def _scale_masses(self, batch: Batch, simulations: np.ndarray, values: np.ndarray) -> None:
+        model = batch.model
+        scale = np.ones((len(simulations), model.nbody))
+        for column, draw in self._columns["mass"]:
+            chosen = slice(None) if draw.name == "all" else model.body(draw.name).id
+            scale[:, chosen] *= values[:, column, None] if draw.name == "all" else values[:, column]
+        batch.expand("body_mass")[simulations] = model.body_mass * scale
+        batch.expand("body_inertia")[simulations] = model.body_inertia * scale[..., None]
+        batch.set_const(simulations)
+
+
+def _memory(chain: Chain) -> tuple[int, int]:
+    """Sizes of program and state, which a batch fixes for all its simulations."""
+    program = chain.program()
+    return len(program), int(program[P_STATE_SIZE])
+
+
+def read_randomization(source: Source) -> Mapping[str, Any]:
+    """The mapping that ``source`` is or that its YAML file holds; empty for None.
+
+    Raises:
+        RandomizationError: the file cannot be read, or holds no mapping.
+    """
+    if source is None:
+        return {}
+    if isinstance(source, Mapping):
+        return source
+    try:
+        document = read_yaml(source, f"the randomisation {source}")
+    except DocumentError as error:
+        raise RandomizationError(f"{error}.") from None
+    if not isinstance(document, Mapping):
+        raise RandomizationError(f"{source}: a randomisation is a mapping such as 'floor: {{friction: [0.6, 1.0]}}'.")
+    return document
+
+
+def _draws(drivetrain: Drivetrain, source: Mapping[str, Any]) -> Iterable[Draw]:
+    groups = [*drivetrain.chains, "all", "mass", "floor"]
+    for group, entries in source.items():
+        if group not in groups:
+            raise RandomizationError(
+                f"randomization has no '{group}'{nearest(group, groups)}; there are {', '.join(groups)}."
+            )
+        if not isinstance(entries, Mapping):
+            raise RandomizationError(f"randomization.{group} must be 'name: [low, high]' pairs, not {entries!r}.")
+        for name, value in entries.items():
+            where = f"randomization.{group}.{name}"
+            for target in drivetrain.chains if group == "all" else (group,):
+                nominal = _nominal(drivetrain, target, str(name), where)
+                low, high = _range(value, nominal, where)
+                if target == "mass" and low <= 0.0:
+                    raise RandomizationError(f"{where} begins at {low:g}; a body has mass: give factors above 0.")
+                if target == "floor" and low < 0.0:
+                    raise RandomizationError(f"{where} begins at {low:g}; friction is never below 0: begin there.")
+                yield Draw(target, str(name), low, high)
+
+
+def _nominal(drivetrain: Drivetrain, group: str, name: str, where: str) -> float:
+    """Value that a multiple is taken of."""
+    if group == "mass":
+        bodies = ["all", *(drivetrain.model.body(k).name for k in range(1, drivetrain.model.nbody))]
+        if name not in bodies:
+            raise RandomizationError(
+                f"{where}: the robot has no body '{name}'{nearest(name, bodies)}; there are {', '.join(bodies)}."
+            )
+        return 1.0
+    if group == "floor":
+        if name != "friction":
+            raise RandomizationError(f"{where}: of the floor, only 'friction' can vary.")
+        if FLOOR not in (drivetrain.model.geom(k).name for k in range(drivetrain.model.ngeom)):
+            raise RandomizationError(f"{where}: the robot's model has no geom '{FLOOR}'; leave it out, or add one.")
+        return float(drivetrain.model.geom(FLOOR).friction[0])
+    return float(drivetrain.chains[group].value(name))
+
+
+def _range(value: Any, nominal: float, where: str) -> tuple[float, float]:
+    factor = 1.0
+    if isinstance(value, Mapping) and set(value) == {"times"}:
+        value, factor = value["times"], nominal
+    fits = isinstance(value, list | tuple) and len(value) == 2
+    if not fits or not all(_is_number(end) for end in value) or value[0] > value[1]:
+        raise RandomizationError(f"{where} must be a range [low, high], or {{times: [low, high]}}, not {value!r}.")
+    low, high = sorted(float(end) * factor for end in value)
+    return low, high
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

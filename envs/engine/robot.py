@@ -1,0 +1,240 @@
+"""What a robot is: a MuJoCo specification built from numbers, and the coordinates that actuators drive."""
+
+from __future__ import annotations
+
+import fnmatch
+import functools
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import mujoco
+
+from ...actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_chain_set
+from ...common.errors import SealegsError, nearest
+from .model_poses import Pose
+
+if TYPE_CHECKING:
+    from ..described.robot_described import RobotFile
+
+LOGGER = logging.getLogger("sealegs")
+ChainSource = str | Path | list | Chain
+"""What :func:`actuators.load_chain` reads: a name, a path, a list of stages, or a chain."""
+
+
+class RobotError(SealegsError):
+    """An unknown robot, or a parameter that it does not have or cannot take."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a robot: default, unit, inclusive bounds, and where it comes from.
+
+    Attributes:
+        value: default, in ``unit``.
+        unit: of the value.
+        source: where it was printed; ``assumed`` first, where nobody printed it.
+        low: smallest accepted value.
+        high: largest accepted value.
+        neutral: whether the default says that there is nothing of the kind (no stop, no further inertia); a robot that
+            leaves it so has the same hash as one without the number.
+        numerical: whether it belongs to the simulation and not to the machine; the robot's hash leaves it out.
+    """
+
+    value: float
+    unit: str
+    source: str
+    low: float = 0.0
+    high: float = math.inf
+    neutral: bool = False
+    numerical: bool = False
+
+    @property
+    def assumed(self) -> bool:
+        """Whether the value is a choice of ours rather than a printed or measured one."""
+        return self.source.startswith("assumed")
+
+    def takes(self, value: float) -> bool:
+        """Whether ``value`` is finite and within the bounds."""
+        return math.isfinite(value) and self.low <= value <= self.high
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How a number that a diagnosis found acts on a number of a robot.
+
+    Attributes:
+        number: of the robot.
+        how: the finding multiplies it, is added to it, takes its place, or narrows it from above or below.
+    """
+
+    number: str
+    how: Literal["times", "plus", "set", "most", "least"]
+
+    def on(self, believed: float, found: float) -> float:
+        """The number with the finding."""
+        actions: Mapping[str, Callable[[float, float], float]] = {
+            "times": lambda a, b: a * b,
+            "plus": lambda a, b: a + b,
+            "set": lambda _, b: b,
+            "most": min,
+            "least": max,
+        }
+        return actions[self.how](believed, found)
+
+
+def _as_compiled(drivetrain: Drivetrain, values: Mapping[str, float]) -> None:
+    del drivetrain, values
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot without its actuators.
+
+    Attributes:
+        name: as in ``get_robot`` and in the sidecar of a measured log.
+        numbers: every number of the model by name; ``build_spec`` takes other values for any of them.
+        coordinates: what actuators drive, in the order of goals.
+        goal_limits: lowest and highest goal of each coordinate [rad], from a value for every number.
+        chains: chain that drives each coordinate unless another is asked for.
+        build: makes the specification from a value for every number.
+        words: what a word such as ``ideal`` stands for on this robot, by coordinate, where the chain of that name in
+            ``configs/actuator`` is made for robots of another size.
+        effects: what paths of a diagnosis that are not of a chain, such as ``load.mass_factor``, do to numbers.
+        finish: sets in the compiled robot what depends on robot and chains together.
+        start: where episodes of tasks that any robot has start [rad or m]; where none is given, mid-range.
+        pose: where episodes of such tasks start joints that nothing drives, a free base too, if that is not where the
+            model has them.
+        units: of coordinates that are no angles.
+        file: that describes it; None for the robots that Python builds.
+    """
+
+    name: str
+    numbers: Mapping[str, Number]
+    coordinates: tuple[DrivenCoordinate, ...]
+    goal_limits: Callable[[Mapping[str, float]], Mapping[str, tuple[float, float]]]
+    chains: Mapping[str, ChainSource]
+    build: Callable[[Mapping[str, float]], mujoco.MjSpec]
+    words: Mapping[str, Mapping[str, ChainSource]] = field(default_factory=dict)
+    effects: Mapping[str, Effect] = field(default_factory=dict)
+    finish: Callable[[Drivetrain, Mapping[str, float]], None] = _as_compiled
+    start: Mapping[str, float] = field(default_factory=dict)
+    pose: Pose = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    file: RobotFile | None = None
+
+    def unit(self, coordinate: str) -> str:
+        """Of the position of a coordinate: rad, or m of a slide."""
+        return self.units.get(coordinate, "rad")
+
+    @property
+    def source(self) -> str:
+        """The word by which :func:`sealegs.envs.robots.get_robot` finds it: its name, or the path of its file."""
+        return self.name if self.file is None else str(self.file.path)
+
+    def is_called(self, word: str) -> bool:
+        """Whether a log or a diagnosis means this robot by ``word``: its name, or the path of its file or model."""
+        if self.file is None or "." not in word:
+            return word == self.name
+        names = {path.name for path in (self.file.path, self.file.model.path)}
+        return Path(word).absolute() == self.file.path or Path(word).name in names
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:
+        """Lowest and highest goal of each coordinate [rad] with the robot's own numbers."""
+        return self.goal_limits(self.parameters())
+
+    def parameters(self, params: Mapping[str, float] | None = None) -> dict[str, float]:
+        """A value for every number of the robot: ``params`` where given, the default elsewhere.
+
+        Raises:
+            RobotError: a name that the robot does not have, or a value that is no number within its bounds.
+        """
+        values = {name: number.value for name, number in self.numbers.items()}
+        for name, value in (params or {}).items():
+            if name not in self.numbers:
+                known = ", ".join(self.numbers)
+                hint = nearest(name, self.numbers)
+                raise RobotError(f"robot '{self.name}' has no parameter '{name}'{hint}; it has {known}.")
+            number = self.numbers[name]
+            if isinstance(value, bool) or not isinstance(value, int | float) or not number.takes(value):
+                bounds = f"between {number.low:g} and {number.high:g} {number.unit}"
+                raise RobotError(f"robot '{self.name}': {name} is {value!r}; it must be a number {bounds}.")
+            values[name] = float(value)
+        return values
+
+    def build_spec(self, params: Mapping[str, float] | None = None) -> mujoco.MjSpec:
+        """The robot's specification, without actuators.
+
+        Raises:
+            RobotError: as :meth:`parameters`.
+        """
+        return self.build(self.parameters(params))
+
+    def chains_for(self, actuator: ChainSource | Mapping[str, ChainSource] | None) -> dict[str, ChainSource]:
+        """A chain for every coordinate.
+
+        Args:
+            actuator: one chain for all, a word of the robot's own, chains by coordinate or a YAML file of them, the
+                others keeping the robot's own; None: the robot's own for all.
+
+        Raises:
+            RobotError: a coordinate that the robot does not have.
+        """
+        names = [item.name for item in self.coordinates]
+        if actuator is None:
+            actuator = dict(self.chains)
+        by_name = isinstance(actuator, str | Path)
+        if isinstance(actuator, str | Path) and actuator not in self.words and (several := load_chain_set(actuator)):
+            actuator = self._spread(several)
+        if not isinstance(actuator, Mapping):
+            actuator = dict.fromkeys(names, actuator)
+        for name in actuator:
+            if name not in names:
+                hint = nearest(name, names)
+                raise RobotError(f"robot '{self.name}' drives no '{name}'{hint}; it drives {', '.join(names)}.")
+        given = {name: actuator.get(name, self.chains[name]) for name in names}
+        if self.file is not None:  # stages are of a diagnosis or a log, whose numbers nobody doubts
+            named = {name: item for name, item in given.items() if by_name or isinstance(item, str | Path)}
+            for sentence in self.file.whose({name: load_chain(item) for name, item in named.items()}):
+                _tell(sentence)
+        return {name: self._meant(item, name) for name, item in given.items()}
+
+    def _spread(self, chains: Mapping[str, Chain]) -> dict[str, ChainSource]:
+        """Chains by coordinate from those by pattern; a pattern that fits none stays, to be told of."""
+        found: dict[str, ChainSource] = {}
+        for pattern, chain in chains.items():
+            found |= dict.fromkeys(
+                fnmatch.filter([item.name for item in self.coordinates], pattern) or [pattern], chain
+            )
+        return found
+
+    def _meant(self, actuator: ChainSource, coordinate: str) -> ChainSource:
+        """What stands for ``actuator`` on this robot: of its words, or with what its file adds to a chain."""
+        if isinstance(actuator, str) and actuator in self.words:
+            return self.words[actuator][coordinate]
+        return actuator if self.file is None else self.file.joint(coordinate).carried(load_chain(actuator))
+
+    def drivetrain(
+        self,
+        actuator: ChainSource | Mapping[str, ChainSource] | None = None,
+        params: Mapping[str, float] | None = None,
+    ) -> Drivetrain:
+        """The robot with chains on its coordinates, compiled.
+
+        Raises:
+            SealegsError: a wrong parameter or chain.
+        """
+        values = self.parameters(params)
+        drivetrain = Drivetrain(self.build(values), self.chains_for(actuator), self.coordinates)
+        self.finish(drivetrain, values)
+        return drivetrain
+
+
+@functools.cache
+def _tell(sentence: str) -> None:
+    """Say something once: a command asks for the chains of a robot several times."""
+    LOGGER.warning("%s", sentence)

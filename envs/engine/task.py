@@ -1,0 +1,207 @@
+"""What a task is: pure functions over a batch from motion to observation, reward, failure and new starts."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+
+from ...actuators import Drivetrain
+from ...common.errors import SealegsError
+from .robot import Robot
+
+
+@dataclass(slots=True)
+class Motion:
+    """What happened to n simulations of k coordinates in one control step; not to be written to.
+
+    Attributes:
+        qpos: true positions (n, nq), joints in the order of the model.
+        qvel: true speeds (n, nv).
+        link: link encoder (n, k) [rad].
+        link_speed: its difference over the control step (n, k) [rad/s].
+        reading: motor encoder as the host receives it: late, quantised, with its offset (n, k) [rad].
+        reading_speed: its difference over the control step (n, k) [rad/s].
+        torque: motor torque on the coordinate, dry friction excluded (n, k) [N.m].
+        motor_speed: true speed of the motor side (n, k) [rad/s].
+        action: of this step (n, k), within [-1, 1].
+        previous_action: of the step before (n, k).
+        command: what the episode asks for (n, c), as the task drew it at the start.
+        time: since the episode started (n,) [s].
+        numbers: of the robot, by name.
+        memory: of the generator (n, task.memory), where actions modulate one.
+        power: mean over the control step of :meth:`ModulatedTask.power` (n,) [W], likewise.
+        qpos_rate: mean rate of the true positions over the control step (n, nq), likewise.
+    """
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    link: np.ndarray
+    link_speed: np.ndarray
+    reading: np.ndarray
+    reading_speed: np.ndarray
+    torque: np.ndarray
+    motor_speed: np.ndarray
+    action: np.ndarray
+    previous_action: np.ndarray
+    command: np.ndarray
+    time: np.ndarray
+    numbers: Mapping[str, float]
+    memory: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    power: np.ndarray = field(default_factory=lambda: np.empty(0))
+    qpos_rate: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+
+
+def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:
+    """A number of a task, drawn from its range: uniform numbers in [0, 1) (any shape) in, numbers of that shape out."""
+    low, high = span if isinstance(span, Sequence) else (span, span)
+    return low + random * (high - low)
+
+
+@dataclass(frozen=True)
+class Task(ABC):
+    """A robot and what it is asked to do. Subclasses are frozen dataclasses of weights; their methods know no single
+    simulation.
+
+    Attributes:
+        robot: that the task is for.
+        draws: uniform random numbers that one start needs.
+        ranges: arguments that may be a pair, low and high, instead of one number.
+        control_rate: actions per second [Hz], where nothing else is asked for.
+        any_robot: whether its environment takes a ``robot``; :class:`sealegs.envs.any_robot.task.AnyRobotTask` does.
+        episode_steps: control steps of an episode of a task in a user's own file.
+    """
+
+    robot: ClassVar[Robot]
+    draws: ClassVar[int]
+    ranges: ClassVar[tuple[str, ...]] = ()
+    control_rate: ClassVar[float] = 50.0
+    any_robot: ClassVar[bool] = False
+    episode_steps: ClassVar[int] = 500
+
+    @classmethod
+    def on(cls, robot: Robot | str | Path) -> type[Self]:
+        """The same task on another robot, which may be given by its name or its file.
+
+        Raises:
+            SealegsError: it is for a robot of its own.
+        """
+        raise SealegsError(f"{cls.__name__} is for robot '{cls.robot.name}', and takes no other ({robot}).")
+
+    def action_names(self) -> tuple[str, ...]:
+        """What the elements of an action mean: the goals of the robot's coordinates, where nothing else is said."""
+        return tuple(item.name for item in self.robot.coordinates)
+
+    @abstractmethod
+    def observation_names(self) -> tuple[str, ...]:
+        """Name and unit of each element of the observation, in order."""
+
+    @abstractmethod
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        """What m new episodes ask for (m, c), from uniform numbers in [0, 1), (m, draws)."""
+
+    @abstractmethod
+    def place(
+        self,
+        drivetrain: Drivetrain,
+        numbers: Mapping[str, float],
+        random: np.ndarray,
+        qpos: np.ndarray,
+        qvel: np.ndarray,
+    ) -> np.ndarray:
+        """Write m starts into ``qpos`` (m, nq) and ``qvel`` (m, nv), which hold the model's defaults.
+
+        Args:
+            drivetrain: robot with its actuators.
+            numbers: of the robot, by name.
+            random: the same uniform numbers, (m, draws).
+            qpos: to edit.
+            qvel: to edit.
+
+        Returns:
+            The goals that the actuators hold at the start (m, k) [rad].
+        """
+
+    def reference(
+        self, time: np.ndarray, command: np.ndarray, numbers: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Goals that actions correct, and how far they do; None: actions of -1 and 1 are the limits of the goals.
+
+        Args:
+            time: since the episodes started (n,) [s].
+            command: what they ask for (n, c).
+            numbers: of the robot, by name.
+
+        Returns:
+            Goals at action 0 (n, k) [rad], and the change of the goal per unit of action (k,) [rad].
+        """
+        del time, command, numbers
+        return None
+
+    def on_joints(self, time: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actions on the driven coordinates (n, k), of what the policy gave (n, k): another one only where the policy
+        sees the robot otherwise than it stands, such as mirrored. At time 0 nothing may differ.
+
+        Args:
+            time: since the episodes started (n,) [s].
+            action: of the policy, as :class:`Motion` and the contract keep it.
+        """
+        del time
+        return action
+
+    @abstractmethod
+    def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        """Parts of the observation, (n,) or (n, j) each, in the order of :meth:`observation_names`."""
+
+    @abstractmethod
+    def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
+        """Terms of the reward by name, (n,) each; the reward is their sum."""
+
+    @abstractmethod
+    def failed(self, motion: Motion) -> np.ndarray:
+        """Whether the episode ends here for good, (n,)."""
+
+
+class ModulatedTask(Task):
+    """A task whose actions modulate a generator, which gives goals more often than there are actions.
+
+    Such a task has :meth:`action_names` of its own; 0 is the middle of each. The generator's memory is an array that
+    the engine keeps, a row per simulation.
+
+    Attributes:
+        memory: numbers that the generator remembers of a simulation.
+        goal_period: between goals [s]; a control step holds a whole number of them.
+        sample_period: between samples of the power [s]; a goal's period holds a whole number of them.
+    """
+
+    memory: ClassVar[int]
+    goal_period: ClassVar[float]
+    sample_period: ClassVar[float]
+
+    @abstractmethod
+    def begin(
+        self, numbers: Mapping[str, float], random: np.ndarray, goals: np.ndarray, command: np.ndarray
+    ) -> np.ndarray:
+        """The generator's memory at m starts (m, memory).
+
+        Args:
+            numbers: of the robot, by name.
+            random: as in :meth:`place`.
+            goals: that the actuators hold at the start (m, k) [rad].
+            command: what the episodes ask for (m, c).
+        """
+
+    @abstractmethod
+    def generate(
+        self, numbers: Mapping[str, float], action: np.ndarray, command: np.ndarray, memory: np.ndarray
+    ) -> np.ndarray:
+        """Goals of the next :attr:`goal_period` (n, k) [rad], after ``memory`` (n, memory) moved on by it in place."""
+
+    @abstractmethod
+    def power(self, numbers: Mapping[str, float], torque: np.ndarray, motor_speed: np.ndarray) -> np.ndarray:
+        """Electrical power that the motors draw at a moment (n,) [W], from torque and speed (n, k) as in
+        :class:`Motion`."""

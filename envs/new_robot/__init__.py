@@ -1,0 +1,1 @@
+"""A new robot: its YAML written from its model file, and tried."""

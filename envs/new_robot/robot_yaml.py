@@ -1,0 +1,246 @@
+"""Writes the YAML of a robot from its model file, with comments that tell what each line decides."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import textwrap
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ...actuators.stages.controller import UNLIMITED
+from ...common.atomic import write_text
+from ...common.errors import SealegsError
+from ..described.model_file import UNITS, ModelFile, read_model
+from ..described.robot_assembly import WARNING, assembled
+from ..described.robot_assumed import motor_note, reduction_note, tied_note
+from ..described.robot_choice import chosen, none_to_drive, passive, passive_sentence
+from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile
+from ..described.robot_entries import FileEntry
+from ..described.robot_file import load_robot_file
+from ..engine.robot import RobotError
+from .robot_names import in_yaml, name_note
+from .robot_trial import steady
+
+HEAD = """\
+# Robot {name}, written from {model} by sealegs new-robot; edit what is wrong.
+# The page "Your own robot" of the documentation explains each line.
+# Of numbers that the model and a chain can both hold (damping, armature, frictionloss) one counts: the chain's, or the
+# model file's, which then takes the chain's place. They are never added.
+model: {path}   # MJCF or URDF, relative to this file
+base: {base}   # fixed to the ground, or free
+timestep: {timestep:.10g}   # of the simulation [s]
+integrator: {integrator}   # RK4, Euler, implicit or implicitfast
+joints:   # that servos drive, in the order of goals
+"""
+
+TAIL = """\
+deploy:   # for sealegs deploy; what is left out is as with robot=bench
+  servo: sts3215   # model of its servos, such as sts3250, scs0009, xl330_m288
+  rest: release   # at the end: release, hold, or sit
+  sensors: {{}}   # encoders that drive nothing, such as elbow.link: {{id: 7}}
+  # limits other than those of robot=bench
+  safety:{safety}
+"""
+
+
+@dataclass(frozen=True)
+class AssumedLimits:
+    """Limits of safety that nobody stated.
+
+    Attributes:
+        limits: by name of the limit and of the joint [rad, m, rad/s or m/s]; only joints that the limits of
+            ``configs/robot/bench.yaml`` do not fit.
+        said: sentences about limits of the model file that excitations may not keep to.
+        reach: of excitations [rad or m], by joint, at which they would; only of such joints.
+    """
+
+    limits: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+    reach: Mapping[str, float] = field(default_factory=dict)
+
+
+def none_assumed(robot: RobotFile) -> AssumedLimits:
+    """No limits but those of ``configs/robot/bench.yaml``."""
+    del robot
+    return AssumedLimits()
+
+
+def write_robot_yaml(
+    model: Path,
+    out: Path,
+    chain: str | None = None,
+    reserved: Collection[str] = (),
+    limits_of: Callable[[RobotFile], AssumedLimits] = none_assumed,
+) -> tuple[str, ...]:
+    """Write the YAML of a model, and return what was assumed in it, a sentence each.
+
+    Args:
+        model: MJCF or URDF.
+        out: file to write; it must not exist.
+        chain: that drives every joint; None: an ideal servo as the model has it.
+        reserved: words that joints should not be called by, since columns of logs are.
+        limits_of: assumes limits of safety for a robot.
+
+    Raises:
+        RobotError: the model cannot be read, ``out`` exists, or what was written cannot be read.
+    """
+    text, said = robot_yaml(model, out, chain, reserved, limits_of)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_text(out, text)
+    except FileExistsError:
+        raise RobotError(f"{out} exists, and is not overwritten; give another out=.") from None
+    try:
+        load_robot_file(out)
+    except BaseException:  # what cannot be read is no robot
+        out.unlink(missing_ok=True)
+        raise
+    return said
+
+
+def robot_yaml(
+    model: Path,
+    out: Path,
+    chain: str | None = None,
+    reserved: Collection[str] = (),
+    limits_of: Callable[[RobotFile], AssumedLimits] = none_assumed,
+) -> tuple[str, tuple[str, ...]]:
+    """The text that :func:`write_robot_yaml` writes, and what was assumed."""
+    facts = read_model(model)
+    names, held = chosen(facts)
+    if not names:
+        raise RobotError(f"{model}: {none_to_drive(facts)}")
+    belts = {drive.name: dict(drive.terms) for drive in facts.drives if drive.terms != ((drive.name, 1.0),)}
+    if chain is not None and Path(chain).suffix in (".yaml", ".yml"):
+        chain = os.path.relpath(Path(chain).resolve(), out.resolve().parent)
+    rows: dict[str, Any] = {name: {"chain": chain} for name in names}
+    for name, belt in belts.items():
+        rows[name]["belt"] = belt
+    path = os.path.relpath(model.resolve(), out.resolve().parent)
+    try:
+        robot = steady(assembled(out.resolve(), FileEntry(path, joints=rows)))
+    except SealegsError as error:
+        raise RobotError(str(error).replace(f"{out.resolve()}: ", f"{model}: ")) from None  # there is no such file yet
+    head = HEAD.format(
+        name=robot.name,
+        model=model.name,
+        path=in_yaml(path),
+        base=robot.base,
+        timestep=robot.timestep,
+        integrator=robot.integrator,
+    )
+    undriveable = (*facts.undriveable, *held)
+    assumed = limits_of(robot)
+    limited = {name for values in assumed.limits.values() for name in values}
+    more = {joint.name: _more_notes(facts, joint, chain, reserved, limited) for joint in robot.joints}
+    lines = [
+        _joint(number, joint, chain, belts.get(joint.name), more[joint.name])
+        for number, joint in enumerate(robot.joints, 1)
+    ]
+    left = [f"# Left out: {reason}.\n" for reason in undriveable]
+    left += [
+        f"# Joint {name} is not driven: it follows {other or 'a place'}.\n" for name, other in facts.followers.items()
+    ]
+    driven = [name for joint in robot.joints for name, _ in joint.terms]
+    left += [f"# Nothing drives {what}: it moves freely.\n" for what in passive(facts, driven)]
+    said = (*robot.said, *assumed.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
+    said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
+    said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
+    said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
+    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed)), said
+
+
+def _more_notes(
+    facts: ModelFile, joint: FileJoint, chain: str | None, reserved: Collection[str], limited: Collection[str]
+) -> list[str]:
+    """What somebody who edits a file for the first time should know of a joint, a phrase each."""
+    notes = []
+    drive = next((drive for drive in facts.drives if drive.name == joint.name), None)
+    if chain is not None and drive is not None and drive.stiffness <= 0.0:  # without a chain, assembling noted it
+        notes.append(motor_note(drive, joint.kind))
+    if chain is not None and drive is not None and drive.tied:
+        notes.append(tied_note(drive))
+    notes += [reduction_note(facts, name) for name, _ in joint.terms if name in facts.reductions]
+    named = joint.terms == ((joint.name, 1.0),)
+    if note := name_note(joint.name, named, reserved):
+        # limits under the name of a joint of the model still count, those of a belt do not
+        notes.append(note if named or joint.name not in limited else f"{note}, and under deploy: safety as well")
+    return notes
+
+
+def _chain_on_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
+    """That the numbers of a chain which was given to hinges and slides alike count in other units at slides."""
+    slides = [joint.name for joint in robot.joints if joint.kind == "slide"]
+    if chain is None or not slides or len(slides) == len(robot.joints):
+        return ()
+    return (
+        f"Where a joint is a slide ({', '.join(slides)}), numbers of '{chain}' count as N and m, at hinges as N.m and "
+        "rad; give slides a chain of their own.",
+    )
+
+
+def _safety(assumed: AssumedLimits) -> str:
+    """The limits that joints need in place of those of ``configs/robot/bench.yaml``."""
+    rows = [
+        f"    {key}: {_flow({**values, '*': HINGES[key]} if key in HINGES else dict(values))}   # {what}, assumed"
+        for key, what in (
+            ("range_margin", "beyond the range; slides in m"),
+            ("speed", "measured, a second; slides in m; as the model states, or above what excitations need"),
+            ("following_error", "behind its goal, of ideal servos: leave it out with other chains"),
+        )
+        if (values := assumed.limits.get(key))
+    ]
+    if assumed.reach:
+        rows.append(
+            f"    # excitations keep to the velocity limits of the model with reach='{json.dumps(assumed.reach)}'"
+        )
+    return "".join(f"\n{row}" for row in rows) if rows else " {}"
+
+
+def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, float] | None, more: Sequence[str]) -> str:
+    position, force = UNITS[joint.kind]
+    drive: Any = chain
+    if drive is None:
+        ideal = dataclasses.asdict(joint.chain.find("ideal"))
+        kept = {key: ideal[key] for key in ("stiffness", "damping") if ideal[key]}
+        limit = {"torque_limit": ideal["torque_limit"]} if ideal["torque_limit"] < UNLIMITED else {}
+        drive = [{"ideal": kept | limit}]
+    units = {
+        "damping": f"{force}.s/{position}",
+        "armature": "kg.m2" if joint.kind == "hinge" else "kg",
+        "frictionloss": force,
+        LIMIT: force,
+    }
+    lines = [f"  {in_yaml(joint.name)}:   # {joint.kind}, {position} and {force}"]
+    for note in (*joint.notes, *more):
+        lines += textwrap.wrap(
+            f"{note[:1].upper()}{note[1:]}.", 120, initial_indent="    # ", subsequent_indent="    #   "
+        )
+    if belt is not None:
+        lines.append(f"    belt: {_flow(belt)}   # driven is the sum of these joints, times their coefficients")
+    lines.append(f"    chain: {_flow(drive)}   # a chain by its name, such as sts3215 or xl330, a file, or stages")
+    low, high = (round(end, 6) for end in joint.range)
+    lines.append(f"    range: {_flow([low, high])}   # of its goals [{position}]")
+    for key, owner in joint.owners.items():
+        value = joint.model_values[key]
+        if key == LIMIT and not value:
+            continue
+        lines.append(f"    {key}: {owner}   # chain or file; the file has {value:g} {units[key]}")
+    lines.append(f"    start: {min(max(round(joint.start, 6), low), high):.10g}   # of episodes [{position}]")
+    lines.append("    unknown: []   # what nobody measured: zero, direction, friction, armature, motor, load")
+    lines.append(f"    servo: {{id: {number}}}   # and zero: its step at 0, direction: 1 or -1")
+    return "\n".join(lines) + "\n"
+
+
+def _flow(value: Any) -> str:
+    if isinstance(value, str):
+        return in_yaml(value)
+    return yaml.safe_dump(
+        value, allow_unicode=True, default_flow_style=True, width=float("inf"), sort_keys=False
+    ).strip()

@@ -1,0 +1,1 @@
+"""The flexible-joint arm SRLFJ (paper 002): its experiments, and its printed figures beside ours."""

@@ -1,0 +1,92 @@
+"""The comparison with the paper: runs both cases, writes numbers and pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ...common.atomic import write_text
+from ...common.errors import SealegsError
+from ...envs.hopper.parameters import NUMBERS
+from ..published import documents, row_lines
+from . import rows as printed_rows
+from .paper import CHAINS, PRINTED, Figures, Hops, Legs, measure
+
+TIMED = 2.0  # [s] simulated for each real-time factor
+LEGS = (1, 4)
+
+
+def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print) -> dict[str, Any]:
+    """Run the paper's experiment, write ``hopper.json``, ``time.png`` and ``periods.png`` into ``out``, and tell the
+    result.
+
+    Args:
+        out: folder; made if it is not there.
+        seconds: length of the run [s]; the paper's is 10.
+        say: prints a line.
+
+    Raises:
+        SealegsError: the folder has results already, or the run is too short to measure hops.
+    """
+    if seconds < 4.0:
+        raise SealegsError(f"seconds is {seconds:g}; at least 4 are needed, because the first two are left out.")
+    if (out / "hopper.json").exists():
+        raise SealegsError(f"{out} holds a comparison already; give another folder as out=.")
+    out.mkdir(parents=True, exist_ok=True)
+    cases: dict[str, Hops] = {}
+    figures: dict[str, Figures] = {}
+    speed: dict[str, dict[str, float]] = {}
+    for name, chain in CHAINS.items():
+        say(f"simulating {seconds:g} s {name} ({chain})")
+        cases[name] = Legs(chain).hop(seconds)
+        figures[name] = measure(cases[name])
+        speed[name] = {str(count): Legs(chain, count).real_time_factor(TIMED) for count in LEGS}
+    say("hopping with link lengths that know nothing of the servo")
+    rows = printed_rows.rows(cases, figures, seconds)
+    result = {
+        "rows": documents(rows),
+        "printed": {name: asdict(printed) for name, printed in PRINTED.items()},
+        "simulated": {name: asdict(value) for name, value in figures.items()},
+        "real_time_factor": speed,
+        "chains": {name: Legs(chain).chain.to_list() for name, chain in CHAINS.items()},
+        "controller": asdict(Legs("ideal").controller),
+        "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
+        "seconds": seconds,
+    }
+    write_text(out / "hopper.json", json.dumps(result, indent=1) + "\n", replace=True)
+    from .paper_plots import plot_periods, plot_time  # matplotlib is slow to load
+
+    plot_time(cases, out / "time.png")
+    plot_periods(cases, out / "periods.png")
+    for line in (*table(figures, speed), *row_lines("paper 004", rows)):
+        say(line)
+    say(f"Written: {out}/hopper.json, {out}/time.png, {out}/periods.png")
+    return result
+
+
+def table(figures: dict[str, Figures], speed: dict[str, dict[str, float]]) -> list[str]:
+    """The comparison as lines of text."""
+    wide = 30
+    rows = [("", "hardware", *figures), ("", "paper", *("paper   ours   off" for _ in figures))]
+    hardware = PRINTED["hardware"]
+    for label, field, factor in (("hopping frequency [Hz]", "frequency", 1.0), ("jump height [cm]", "height", 100.0)):
+        cells = []
+        for name, value in figures.items():
+            printed, ours = getattr(PRINTED[name], field) * factor, getattr(value, field) * factor
+            cells.append(f"{printed:5.1f} {ours:6.2f} {ours / printed - 1.0:+5.0%}")
+        rows.append((label, f"{getattr(hardware, field) * factor:.1f}", *cells))
+    for label, field, factor in (
+        ("  of that, over standing [cm]", "rise", 100.0),
+        ("foot clearance [cm]", "clearance", 100.0),
+        ("forward speed [m/s]", "speed", 1.0),
+        ("spread of the period [%]", "regularity", 100.0),
+    ):
+        rows.append((label, "", *(f"{getattr(value, field) * factor:12.2f}      " for value in figures.values())))
+    for count in LEGS:
+        factors = [f"{speed[name][str(count)]:11.0f} x     " for name in figures]
+        rows.append((f"real time factor, {count} leg{'s' if count > 1 else ''}", "", *factors))
+    lines = [f"{row[0]:<{wide}} {row[1]:>9} " + " ".join(f"{cell:>22}" for cell in row[2:]) for row in rows]
+    return ["", *(line.rstrip() for line in lines), ""]
