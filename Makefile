@@ -69,7 +69,7 @@ sensitivity: $(INSTALLED) ## what each threshold of the search does when halved 
 	$(PY) -m benchmarks.sensitivity
 
 fuzz: $(INSTALLED) ## hostile documents, N of each kind from SEED: make fuzz N=10000 SEED=7
-	SEALEGS_FUZZ=$(or $(N),2000) SEALEGS_FUZZ_SEED=$(or $(SEED),1) $(PYTEST) -m "not long" tests/test_fuzz_documents.py
+	SEALEGS_FUZZ=$(or $(N),2000) SEALEGS_FUZZ_SEED=$(or $(SEED),1) $(PYTEST) -m "not long" tests/security/test_fuzz_documents.py
 
 docs: $(INSTALLED) $(LINKS) ## the documentation as a site in build/site, readable offline
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict

@@ -1,7 +1,7 @@
 """The hopper as it is usually written: a Gymnasium ``MujocoEnv`` whose actuator law runs in Python every physics step.
 
 It is what the training speed is measured against. Model, task, observations and rewards are those of
-``SeaLegs/Hopper-v0`` with the chain ``sv1270tg``; ``tests/test_benchmarks.py`` compares the two motions.
+``SeaLegs/Hopper-v0`` with the chain ``sv1270tg``; ``tests/package/test_benchmarks.py`` compares the two motions.
 """
 
 from __future__ import annotations

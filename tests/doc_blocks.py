@@ -56,15 +56,15 @@ NOT_RUN = {
     "python -m docs.generate": "writes into the checkout: test_docs compares the pages",
     "python -m sealegs.actuators": "writes into the checkout: test_chain compares the page",
     "python -m benchmarks": "takes minutes to days; only its --help is run",
-    "fleet=true": "compiles again in its workers: tests/test_fleet.py diagnoses one",
-    "train env=hexapod": "takes a minute: tests/test_hexapod.py trains it",
+    "fleet=true": "compiles again in its workers: tests/gap/fleet/test_fleet.py diagnoses one",
+    "train env=hexapod": "takes a minute: tests/envs/test_hexapod.py trains it",
     "paper=": "takes up to minutes a robot: tests/test_<robot>_paper.py",
     "sealegs loop\n": "train-and-deploy.md runs it",
-    "plugins=": "would stay in this process: tests/test_plugins.py runs it",
+    "plugins=": "would stay in this process: tests/actuators/test_plugins.py runs it",
     "log=logs/servo": "its run is cut to 2 s here, too short to diagnose: logs/bench is diagnosed",
     "log=logs/xl330": "takes minutes of published data: benchmarks/real_data.py",
     "log=logs/ak80": "takes minutes of published data: benchmarks/real_data.py",
-    "log=logs/hopper": "takes minutes: tests/test_contact_causes.py diagnoses a hopper",
+    "log=logs/hopper": "takes minutes: tests/gap/ground/test_contact_causes.py diagnoses a hopper",
 }
 """Why a command with this in it is checked but not run."""
 

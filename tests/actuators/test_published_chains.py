@@ -1,0 +1,206 @@
+"""Fits of BAM, models M1 to M6, as chains: the law gives the published friction budget."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.actuators import Chain, load_chain
+from sealegs.actuators.chain import LIBRARY
+from sealegs.actuators.published import DRIVES, VoltageDrive
+from sealegs.actuators.stages import ChainError
+from sealegs.gap.log import read_measured
+from sealegs.gap.log.importers import answered, import_logs, propose_for
+
+from tests.actuators.test_laws import limit
+
+DATA = Path(__file__).resolve().parents[2] / "../shared/data"
+PLAIN: dict[str, Any] = {
+    "kt": 1.2,
+    "R": 2.7,
+    "armature": 0.02,
+    "friction_base": 0.05,
+    "friction_viscous": 0.03,
+    "actuator": "mx106",
+}
+AT_REST = {"friction_stribeck": 0.04, "dtheta_stribeck": 0.3, "alpha": 1.4}
+LOAD = {"load_friction_base": 0.1}
+BOTH = {**AT_REST, **LOAD, "load_friction_stribeck": 0.15}
+DIRECTIONAL = {
+    **AT_REST, "load_friction_motor": 0.04, "load_friction_external": 0.24, "load_friction_motor_stribeck": 0.1,
+    "load_friction_external_stribeck": 0.03,
+}  # fmt: skip
+QUADRATIC = {**DIRECTIONAL, "load_friction_motor_quad": 0.008, "load_friction_external_quad": 0.003}
+MODELS = {"m1": {}, "m2": AT_REST, "m3": LOAD, "m4": BOTH, "m5": DIRECTIONAL, "m6": QUADRATIC}
+
+
+def budget(model: str, fit: dict[str, Any], w: float, tm: float, te: float) -> float:
+    """Friction budget [N.m] as published (Duclusaud et al., ICRA 2025), of speed, motor and external torque."""
+    b = fit["friction_viscous"] * abs(w) + fit["friction_base"]
+    if model == "m1":
+        return b
+    if model == "m3":
+        return b + fit["load_friction_base"] * abs(tm - te)
+    s = math.exp(-(abs(w / fit["dtheta_stribeck"]) ** fit["alpha"]))
+    if model == "m2":
+        return b + s * fit["friction_stribeck"]
+    if model == "m4":
+        load = abs(tm - te)
+        return (
+            b + fit["load_friction_base"] * load + s * (fit["friction_stribeck"] + fit["load_friction_stribeck"] * load)
+        )
+    b += abs(fit["load_friction_motor"] * tm - fit["load_friction_external"] * te)
+    b += s * fit["friction_stribeck"]
+    b += s * abs(fit["load_friction_motor_stribeck"] * tm - fit["load_friction_external_stribeck"] * te)
+    if model == "m6" and np.sign(tm) != np.sign(te):
+        if abs(te) < abs(tm):
+            b += s * fit["load_friction_external_quad"] * te**2
+        else:
+            b += s * fit["load_friction_motor_quad"] * tm**2
+    return b
+
+
+def written(folder: Path, model: str, changed: dict[str, object] | None = None) -> str:
+    path = folder / f"{model}.json"
+    path.write_text(json.dumps({**PLAIN, **MODELS[model], "model": model, **(changed or {})}))
+    return f"bam:{path}"
+
+
+def assert_same_budget(source: str, model: str, fit: dict[str, Any]) -> None:
+    rng = np.random.default_rng(3)
+    friction = next(stage["friction"] for stage in load_chain(source).to_list() if "friction" in stage)
+    for w, tm, te in rng.uniform(-1.5, 1.5, (60, 3)):
+        ours = limit(friction, motor=tm, external=te, w=w) + friction["viscous"] * abs(w)
+        assert ours == pytest.approx(budget(model, fit, w, tm, te), abs=1e-9), (w, tm, te)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_law_gives_the_published_friction_budget(tmp_path: Path, model: str) -> None:
+    assert_same_budget(written(tmp_path, model), model, {**PLAIN, **MODELS[model]})
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")
+def test_a_published_file_is_read_whole() -> None:
+    path = DATA / "bam_sts3215_m6.json"
+    fit = json.loads(path.read_text())
+    assert_same_budget(f"bam:{path}", "m6", fit)
+    chain, shipped = load_chain(f"bam:{path}"), load_chain("sts3215_m6")
+    assert chain.value("position_p.gain") == pytest.approx(32 * 0.166 * fit["error_gain_ratio"])
+    assert [stage.name for stage in chain.stages] == [stage.name for stage in shipped.stages]
+    for name in (
+        "dc_motor.motor_constant",
+        "friction.load",
+        "friction.load_external",
+        "friction.load_stribeck_external",
+    ):
+        assert shipped.value(name) == pytest.approx(chain.value(name), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"model": "m7"}, "its 'model' must be one of m1"),
+        ({"actuator": "mx16"}, "whose drive is not known .did you mean"),
+        ({"kt": None}, "'kt' must be a number"),
+    ],
+)
+def test_a_fit_that_is_none_gets_one_sentence(tmp_path: Path, changed: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ChainError, match=sentence):
+        load_chain(written(tmp_path, "m4", changed))
+    with pytest.raises(ChainError, match=r"the fit .* cannot be read"):
+        load_chain(f"bam:{tmp_path / 'absent.json'}")
+
+
+RECORDED: dict[str, float] = {"mass": 1.5, "length": 0.15, "arm_mass": 0.1, "kp": 8, "vin": 12.0}
+
+
+def recorded(folder: Path, motor: str, **said: float) -> Path:
+    """A recording as the recorders of BAM write it, of a servo that is set otherwise than its chain assumes."""
+    time = np.arange(200) / 50.0
+    entries = [
+        {"timestamp": t, "position": 0.3 * math.sin(2 * t - 0.2), "speed": 0.6 * math.cos(2 * t - 0.2), "temp": 30.0,
+         "goal_position": 0.3 * math.sin(2 * t), "torque_enable": True, "measured_current": 0.1 * math.sin(2 * t)}
+        for t in time.tolist()
+    ]  # fmt: skip
+    folder.mkdir()
+    path = folder / "a.json"
+    path.write_text(json.dumps({**RECORDED, **said, "motor": motor, "trajectory": "sin_sin", "entries": entries}))
+    return path
+
+
+def imported(source: Path, out: Path, actuator: str | None) -> Any:
+    return import_logs(source, out, propose_for(source, out, actuator=actuator).certain)
+
+
+def chain_of(out: Path) -> Chain:
+    [log] = read_measured(out).runs
+    [chain] = log.actuators.values()
+    return load_chain(chain)
+
+
+@pytest.mark.parametrize("actuator", [None, "mx106", "bam:fit"])
+def test_a_chain_has_the_gain_and_the_supply_that_the_recording_says(tmp_path: Path, actuator: str | None) -> None:
+    word = written(tmp_path, "m1") if actuator == "bam:fit" else actuator
+    imported(recorded(tmp_path / "raw", "mx106"), tmp_path / "log", word)
+    chain = chain_of(tmp_path / "log")
+    assert chain.value("position_p.gain") == pytest.approx(8 * 0.158)
+    assert chain.value("supply.volts") == 12.0
+    assert chain.value("dc_motor.motor_constant") == (PLAIN["kt"] if actuator == "bam:fit" else 2.1914)
+
+
+def test_a_mapping_with_a_fit_has_the_gain_of_the_recording_too(tmp_path: Path) -> None:
+    source, out = recorded(tmp_path / "raw", "mx106"), tmp_path / "log"
+    mapping = propose_for(source, out, robot="bench").mapping
+    import_logs(source, out, answered(mapping, out, None, written(tmp_path, "m1"), None, source))
+    assert chain_of(out).value("position_p.gain") == pytest.approx(8 * 0.158)
+
+
+@pytest.mark.parametrize("actuator", [None, "bam:fit"])
+def test_a_controller_of_the_current_is_set_as_recorded(tmp_path: Path, actuator: str | None) -> None:
+    fit = {"kt": 8.0, "R": None, "armature": 0.7, "actuator": "erob80_100"}
+    word = written(tmp_path, "m5", fit) if actuator else None
+    imported(recorded(tmp_path / "raw", "erob80_100", kp=50, damping=1.5), tmp_path / "log", word)
+    chain, constant = chain_of(tmp_path / "log"), 8.0 if actuator else 7.6578
+    assert chain.value("ideal.stiffness") == pytest.approx(50 * constant, rel=1e-4)
+    assert chain.value("ideal.damping") == pytest.approx(1.5 * math.sqrt(50) * constant, rel=1e-4)
+    assert chain.value("ideal.torque_limit") == pytest.approx(12 * constant, rel=1e-4)
+    assert chain.value("friction.coulomb") == (PLAIN["friction_base"] if actuator else 5.611)
+
+
+def test_the_limit_of_the_current_is_the_one_recorded(tmp_path: Path) -> None:
+    word = written(tmp_path, "m1", {"kt": 1.5, "actuator": "feetech_hls"})
+    assert load_chain(word).value("ideal.torque_limit") == pytest.approx(1.5 * 0.36)
+    imported(recorded(tmp_path / "raw", "feetech_hls", kp=3, damping=0.08, max_amps=0.5), tmp_path / "log", word)
+    assert chain_of(tmp_path / "log").value("ideal.torque_limit") == pytest.approx(1.5 * 0.5)
+    [log] = read_measured(tmp_path / "log").runs
+    current = log.joints["servo"].current
+    assert current is not None and np.max(current) == pytest.approx(0.1, rel=1e-3)
+
+
+def test_a_fit_that_is_elsewhere_is_found_beside_the_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written(tmp_path, "m1")
+    source = tmp_path / "run.csv"
+    source.write_text("t,pos_rad,goal_rad\n" + "".join(f"{k / 50},0.{k % 7},0.{k % 5}\n" for k in range(99)))
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "deep" / "log"
+    import_logs(source, out, propose_for(source, out, robot="bench", actuator="bam:m1.json").certain)
+    monkeypatch.chdir(tmp_path / "deep")
+    assert chain_of(out).value("dc_motor.motor_constant") == PLAIN["kt"]
+
+
+@pytest.mark.parametrize("word", [word for word in DRIVES if (LIBRARY / f"{word}.yaml").is_file()])
+def test_a_shipped_chain_is_set_as_its_drive(word: str) -> None:
+    chain = load_chain(word)
+    drive = DRIVES[word]
+    assert chain.value("encoder.ticks") == drive.ticks
+    if isinstance(drive, VoltageDrive):
+        assert chain.value("position_p.gain") == pytest.approx(drive.gain, rel=0.15)
+        assert chain.value("supply.volts") == drive.volts
+    else:
+        assert chain.value("ideal.stiffness") / chain.value("ideal.torque_limit") == pytest.approx(
+            drive.kp / drive.amps, rel=1e-3
+        )

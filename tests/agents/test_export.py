@@ -1,0 +1,144 @@
+"""Exported policies: they act as the trained one, know what robot they are for, and are never overwritten."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from sealegs.actuators import load_chain
+from sealegs.agents.export import export_policy, write_onnx
+from sealegs.agents.policy_files import describe, save_policy
+from sealegs.common.errors import SealegsError
+from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.hw.run.policy import Policy
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.vec_env import VecNormalize
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+ENV = {"id": "SeaLegs/Hopper-v0", "randomization": None}
+
+
+def learner(algorithm: str, activation: type[torch.nn.Module], normalize: bool) -> tuple[Any, dict[str, Any]]:
+    """An untrained policy with large weights and a normaliser that has seen something; and its description."""
+    torch.manual_seed(3)
+    env: Any = BatchVecEnv(ENV["id"], 4, seed=0)
+    chains = {name: chain.to_list() for name, chain in env.engine.chains.items()}
+    if normalize:
+        env = VecNormalize(env, clip_obs=5.0)
+        env.reset()
+        for _ in range(20):
+            env.step(np.random.default_rng(0).uniform(-1.0, 1.0, (4, 2)))
+    keywords = {"policy_kwargs": {"net_arch": [32, 32], "activation_fn": activation}, "device": "cpu"}
+    model = PPO("MlpPolicy", env, **keywords) if algorithm == "ppo" else SAC("MlpPolicy", env, **keywords)
+    with torch.no_grad():
+        for parameter in model.policy.parameters():
+            parameter.mul_(2.0)
+        if algorithm == "ppo":  # which begins with actions near 0
+            policy: Any = model.policy
+            policy.action_net.weight.mul_(50.0)
+    description = {"env": ENV, "actuators": chains, "control_rate": 50.0, "algorithm": algorithm}
+    return model, describe(model, model.get_vec_normalize_env()) | description
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "activation", "normalize"),
+    [("ppo", torch.nn.Tanh, True), ("ppo", torch.nn.ELU, False), ("sac", torch.nn.ReLU, True)],
+)
+def test_an_exported_policy_acts_as_the_trained_one(
+    algorithm: str, activation: type[torch.nn.Module], normalize: bool, tmp_path: Path
+) -> None:
+    model, description = learner(algorithm, activation, normalize)
+    policy = Policy(write_onnx(tmp_path / "policy.onnx", model, description))
+    random = np.random.default_rng(1)
+    spread = 30.0 if normalize else 1.0  # larger values than a policy learnt with are for a normaliser to clip
+    observations = (random.normal(0.0, 1.0, (10_000, 14)) * random.uniform(0.01, spread, 14)).astype(np.float32)
+    normalizer = model.get_vec_normalize_env()
+    seen = normalizer.normalize_obs(observations) if normalizer else observations
+    wanted = model.predict(seen, deterministic=True)[0]
+    # what the policy knows itself is taken from its state, whatever stands in the observation
+    state = np.concatenate([np.zeros((10_000, 1)), observations[:, 12:], np.zeros((10_000, 2))], axis=1)
+    blind = observations.copy()
+    blind[:, [0, 12, 13]] = np.nan
+    action, goal, after = policy.act(blind, observations[:, :1], state)
+    assert np.abs(wanted).min() < 0.5 and np.abs(wanted).max() == 1.0, "saturated actions and others"
+    assert np.abs(action - wanted).max() < 1e-5
+    low, high = np.array(policy.contract.goal_low), np.array(policy.contract.goal_high)
+    assert np.allclose(goal, 0.5 * (low + high) + 0.5 * (high - low) * action, atol=1e-12)
+    assert (after[:, 0] == 1.0).all() and np.allclose(after[:, 1:], np.hstack([action, state[:, 1:3]]))
+    rows = zip(blind[:50], observations[:50, :1], state[:50], strict=True)
+    single = np.concatenate([policy.act(seen[None], asked[None], was[None])[0] for seen, asked, was in rows])
+    assert np.abs(single - wanted[:50]).max() < 1e-5
+
+
+def test_a_policy_knows_the_robot_that_it_is_for(tmp_path: Path) -> None:
+    model, description = learner("ppo", torch.nn.Tanh, True)
+    contract = Policy(write_onnx(tmp_path / "policy.onnx", model, description)).contract
+    assert contract.robot == "hopper" and contract.joints == ("hip", "knee") and contract.control_rate == 50.0
+    assert len(contract.observation_names) == 14 and contract.observation_names[1] == "hip height [m]"
+    assert contract.goal_limits["hip"] == pytest.approx((-1.21, -0.01))
+    assert contract == make_contract(ENV, description["actuators"], 50.0), "the same wherever it is made"
+    heavier = make_contract(ENV | {"params": {"total_mass": 0.6}}, description["actuators"], 50.0)
+    assert heavier.robot_hash != contract.robot_hash and heavier.chain_hash == contract.chain_hash
+
+
+def test_a_chain_is_known_by_its_numbers_and_a_net_by_its_weights(tmp_path: Path) -> None:
+    servo = load_chain("sts3215")
+    assert chain_hash({"joint": servo}) == chain_hash({"joint": load_chain(servo.to_list())})
+    assert chain_hash({"joint": servo}) != chain_hash({"joint": servo.with_value("friction.coulomb", 0.053)})
+    net = load_chain("net")
+    copy = tmp_path / "copy.npz"
+    original = REPOSITORY / "configs" / "actuator" / "sts3215_net.npz"
+    copy.write_bytes(original.read_bytes())
+    stages = net.to_list()
+    stages[0]["net"]["file"] = str(copy)
+    assert chain_hash({"joint": load_chain(stages)}) == chain_hash({"joint": net}), "wherever the file lies"
+
+
+def test_a_saved_policy_is_exported_once_and_never_overwritten(tmp_path: Path) -> None:
+    model, description = learner("ppo", torch.nn.Tanh, False)
+    save_policy(tmp_path, model, description)
+    written = export_policy(tmp_path)
+    assert written == tmp_path / "policy.onnx" and Policy(tmp_path).contract.robot == "hopper"
+    with pytest.raises(SealegsError, match="never overwritten"):
+        export_policy(tmp_path)
+
+
+def test_a_network_that_cannot_be_exported_is_refused_by_name(tmp_path: Path) -> None:
+    model, description = learner("ppo", torch.nn.GELU, False)
+    with pytest.raises(SealegsError, match="layer GELU"):
+        write_onnx(tmp_path / "policy.onnx", model, description)
+    assert not (tmp_path / "policy.onnx").exists()
+
+
+def test_a_file_without_contract_or_with_a_damaged_one_is_refused(tmp_path: Path) -> None:
+    model, description = learner("ppo", torch.nn.Tanh, False)
+    path = write_onnx(tmp_path / "policy.onnx", model, description)
+    document = onnx.load(path)
+    del document.metadata_props[:]
+    onnx.save(document, tmp_path / "bare.onnx")
+    with pytest.raises(ContractError, match="has no contract"):
+        Policy(tmp_path / "bare.onnx")
+    onnx.helper.set_model_props(document, {KEY: '{"version": 1, "robot": "hopper"}'})
+    onnx.save(document, tmp_path / "damaged.onnx")
+    with pytest.raises(ContractError, match="export the policy again"):
+        Policy(tmp_path / "damaged.onnx")
+    (tmp_path / "torn.onnx").write_bytes(path.read_bytes()[:500])
+    with pytest.raises(ContractError, match="no ONNX file"):
+        Policy(tmp_path / "torn.onnx")
+    with pytest.raises(ContractError, match="there is no policy"):
+        Policy(tmp_path / "none.onnx")
+    with pytest.raises(ContractError, match="version 99"):
+        Contract.from_json('{"version": 99}', "here")
+
+
+@pytest.mark.long
+def test_running_a_policy_needs_no_torch() -> None:
+    code = "import sys, sealegs.hw.run.policy; sys.exit('torch' in sys.modules or 'stable_baselines3' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY).returncode == 0

@@ -1,0 +1,585 @@
+"""Training runs: what a folder holds, what survives a kill, a Ctrl-C and a full disk, what wrong input says."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import pickle
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+import torch
+import yaml
+from sealegs.agents import run_folder
+from sealegs.agents.algorithms import build
+from sealegs.agents.cross_evaluation import mean_reward
+from sealegs.agents.make_env import stream_seed
+from sealegs.commands import train
+from sealegs.configs.script import run as run_script
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecNormalize
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from tests.waiting import wait_until
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SMALL = [
+    "env=bench",
+    "n_envs=2",
+    "agent.n_steps=64",
+    "agent.batch_size=64",
+    "agent.n_epochs=1",
+    "agent.policy_kwargs.net_arch=[8]",
+    "evaluate.every=256",
+    "evaluate.episodes=2",
+    "checkpoint.every=256",
+    "video.seconds=0",
+]
+
+
+def run(*arguments: str) -> int:
+    """Exit status of train.py in this process."""
+    return run_script(train.main, "train", "", list(arguments))
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    """train.py in a process of its own."""
+    command = [sys.executable, "train.py", *arguments]
+    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(path: Path, pattern: str, process: subprocess.Popen[str]) -> None:
+    """Wait until ``path`` holds a file that fits ``pattern``."""
+    wait_until(lambda: any(path.glob(pattern)), process, lambda: f"no {pattern} in {path}")
+
+
+def killed(folder: Path) -> Path:
+    """A run in ``folder`` that was killed after its first checkpoint."""
+    process = start(*SMALL, f"out={folder.parent}", f"name={folder.name}", "total_timesteps=1000000")
+    wait_for(folder / "checkpoints", "[0-9]*/state.json", process)
+    process.kill()
+    process.communicate()
+    return folder
+
+
+def steps(run_folder: Path) -> list[int]:
+    """Steps of the complete checkpoints, oldest first."""
+    return sorted(int(path.name) for path in (run_folder / "checkpoints").iterdir() if not path.name.startswith("."))
+
+
+def events(run_folder: Path) -> EventAccumulator:
+    """The run's event files, read by TensorBoard itself."""
+    reader = EventAccumulator(str(run_folder / "tensorboard"))
+    return reader.Reload()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file below ``folder``."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run of PPO from start to end."""
+    out = tmp_path_factory.mktemp("runs")
+    assert run(*SMALL, f"out={out}", "name=first", "total_timesteps=512") == 0
+    return out / "first"
+
+
+def test_run_folder_holds_what_reproduces_the_run(finished: Path) -> None:
+    config = yaml.safe_load((finished / "config.yaml").read_text())
+    assert config["agent"]["n_steps"] == 64 and config["total_timesteps"] == 512
+    assert yaml.safe_load((finished / "actuators.yaml").read_text())["joint"]
+    session = json.loads((finished / "run.json").read_text())["sessions"][0]
+    assert session["from_step"] == 0 and "mujoco" in session["packages"] and "command" in session
+    git = subprocess.run(["git", "rev-parse", "HEAD"], cwd=REPOSITORY, capture_output=True, text=True)
+    assert session["git"]["revision"] == (git.stdout.strip() or None)
+
+
+def test_run_folder_holds_best_final_and_evaluated_policies(finished: Path) -> None:
+    for policy in ("best", "final"):
+        names = {path.name for path in (finished / policy).iterdir()}
+        assert names == {"policy.safetensors", "policy.json", "policy.onnx", "model.zip", "vecnormalize.pkl"}
+    evaluations = np.load(finished / "evaluations.npz")
+    assert list(evaluations["timesteps"]) == [256, 512]
+    best = json.loads((finished / "best" / "policy.json").read_text())
+    assert best["mean_reward"] == pytest.approx(evaluations["results"].mean(axis=1).max())
+
+
+@pytest.mark.long
+def test_the_last_evaluation_is_of_the_final_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An update follows the last step, and the evaluation at that step had been of the policy before it."""
+    folder = tmp_path / "last"
+    quick = [*SMALL, "agent.learning_rate=0.01", f"out={tmp_path}", "name=last", "total_timesteps=256"]
+    assert run(*quick) == 0
+    said = re.search(r"Mean evaluation reward (\S+)\.\n", capsys.readouterr().out)
+    best, final = (
+        torch.cat([value.flatten() for value in PPO.load(folder / kind / "model.zip").policy.state_dict().values()])
+        for kind in ("best", "final")
+    )
+    assert torch.equal(best, final), "the only evaluation is of the policy at the end"
+    evaluations = np.load(folder / "evaluations.npz")
+    assert said is not None and float(said[1]) == pytest.approx(evaluations["results"].mean(), rel=1e-3)
+    assert [event.step for event in events(folder).Scalars("eval/mean_reward")] == [256]
+
+
+@pytest.mark.long
+def test_a_run_that_is_killed_before_its_last_evaluation_makes_it_on_resume(tmp_path: Path) -> None:
+    """The checkpoint's own evaluation at that step is of the policy before the update."""
+    folder = killed(tmp_path / "late")
+    at = steps(folder)[-1]
+    assert run(f"resume={folder}", f"total_timesteps={at}") == 0
+    state = json.loads((folder / "checkpoints" / f"{at:012d}" / "state.json").read_text())["evaluations"]
+    assert state["timesteps"] == list(range(256, at + 1, 256))
+    assert state["updates"] == PPO.load(folder / "final" / "model.zip")._n_updates
+
+
+def test_policy_json_normalises_like_the_training(finished: Path) -> None:
+    description = json.loads((finished / "final" / "policy.json").read_text())
+    model = PPO.load(finished / "final" / "model.zip")
+    with open(finished / "final" / "vecnormalize.pkl", "rb") as file:
+        normalizer: VecNormalize = pickle.load(file)
+    observation = np.random.default_rng(0).normal(size=description["observation"]["shape"])
+    values = {key: np.asarray(value) for key, value in description["observation"].items()}
+    ours = (observation - values["mean"]) / np.sqrt(values["variance"] + values["epsilon"])
+    assert np.clip(ours, -values["clip"], values["clip"]) == pytest.approx(
+        normalizer.normalize_obs(observation), rel=1e-6
+    )
+    assert description["action"]["shape"] == list(model.action_space.shape or ())
+
+
+def test_tensorboard_reads_the_keys_people_look_for(finished: Path) -> None:
+    reader = events(finished)
+    keys = set(reader.Tags()["scalars"])
+    assert {"rollout/ep_rew_mean", "eval/mean_reward", "time/fps", "train/value_loss", "train/learning_rate"} <= keys
+    assert [event.step for event in reader.Scalars("eval/mean_reward")] == [256, 512]
+
+
+def test_short_runs_are_not_met_by_a_librarys_warning(caplog: pytest.LogCaptureFixture) -> None:
+    """Stable-Baselines3 spoke of a RolloutBuffer and of keys that no config has."""
+    env = BatchVecEnv("SeaLegs/Bench-v0", 2, seed=0)
+    agent = {"algorithm": "ppo", "policy": "MlpPolicy", "n_steps": 64}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        assert getattr(build({**agent, "batch_size": 1024}, env, 0), "batch_size") == 128  # noqa: B009
+        assert not caplog.messages, "a minibatch of all that was collected is nothing to tell"
+        build({**agent, "batch_size": 100}, env, 0)
+    assert len(caplog.messages) == 1 and "agent.batch_size=64 divides them" in caplog.messages[0]
+
+
+@pytest.mark.long
+def test_reward_terms_add_up_to_the_episode_reward(tmp_path: Path) -> None:
+    assert run(*SMALL, f"out={tmp_path}", "name=terms", "total_timesteps=640") == 0
+    reader = events(tmp_path / "terms")
+    last = {key: reader.Scalars(key)[-1] for key in reader.Tags()["scalars"] if key.startswith(("reward/", "rollout/"))}
+    terms = [event.value for key, event in last.items() if key.startswith("reward/")]
+    assert len(terms) > 1 and sum(terms) == pytest.approx(last["rollout/ep_rew_mean"].value, rel=1e-4)
+    assert "actuator/net_out_of_range" in reader.Tags()["scalars"]
+
+
+@pytest.mark.long
+@pytest.mark.rendering
+def test_the_trained_policy_is_filmed(tmp_path: Path) -> None:
+    small = [argument for argument in SMALL if not argument.startswith("video")]
+    film = ["video.seconds=0.4", "video.width=64", "video.height=48"]
+    assert run(*small, *film, f"out={tmp_path}", "name=film", "total_timesteps=128") == 0
+    pictures = imageio.mimread(tmp_path / "film" / "video.mp4")
+    assert len(pictures) == 10 and pictures[0].shape == (48, 64, 3)
+    assert any(not np.array_equal(pictures[0], picture) for picture in pictures)
+
+
+@pytest.mark.long
+def test_a_film_that_cannot_be_drawn_fails_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise RuntimeError("no OpenGL")
+
+    monkeypatch.setattr("sealegs.agents.training.record_video", fail)
+    small = [argument for argument in SMALL if not argument.startswith("video")]
+    assert run(*small, f"out={tmp_path}", "name=blind", "total_timesteps=128") == 0
+    assert capsys.readouterr().err.strip().endswith("No film: no OpenGL.")
+    assert not list((tmp_path / "blind").glob("*video*"))
+
+
+def test_policy_json_says_what_the_numbers_mean(finished: Path) -> None:
+    description = json.loads((finished / "final" / "policy.json").read_text())
+    assert len(description["observation_names"]) == description["observation"]["shape"][0]
+    assert description["action_names"] == ["joint"] and description["control_rate"] == pytest.approx(50.0)
+    assert description["goal_per_action"] == pytest.approx([np.pi])
+    assert list(description["actuators"]) == ["joint"]
+
+
+@pytest.mark.long
+def test_a_policy_can_be_tried_on_another_actuator(finished: Path) -> None:
+    trained_with = mean_reward(finished / "final", "sts3215")
+    assert trained_with == mean_reward(finished / "final", "sts3215")
+    assert trained_with != mean_reward(finished / "final", [{"ideal": {"stiffness": 2.0}}])
+
+
+def test_runs_with_neighbouring_seeds_share_no_randomness() -> None:
+    seeds = [stream_seed(seed, stream) for seed in range(8) for stream in range(3)]
+    assert min(abs(a - b) for a in seeds for b in seeds if a is not b) > 1024
+
+
+def test_linear_schedule_falls_to_zero(finished: Path) -> None:
+    rates = [event.value for event in events(finished).Scalars("train/learning_rate")]
+    assert rates == sorted(rates, reverse=True) and rates[0] <= 2e-3 and rates[-1] < 1e-3
+
+
+@pytest.mark.long
+def test_equal_seeds_give_equal_policies(finished: Path, tmp_path: Path) -> None:
+    for name, seed in (("same", 0), ("other", 1)):
+        assert run(*SMALL, f"out={tmp_path}", f"name={name}", f"seed={seed}", "total_timesteps=512") == 0
+    first, same, other = (
+        np.concatenate(
+            [p.detach().numpy().ravel() for p in PPO.load(folder / "final" / "model.zip").policy.parameters()]
+        )
+        for folder in (finished, tmp_path / "same", tmp_path / "other")
+    )
+    assert np.array_equal(first, same)
+    assert not np.allclose(first, other)
+
+
+def test_an_existing_run_is_never_overwritten(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = contents(finished)
+    assert run(*SMALL, f"out={finished.parent}", f"name={finished.name}") == 2
+    assert f"resume={finished}" in capsys.readouterr().err
+    assert contents(finished) == before
+
+
+@pytest.mark.long
+def test_a_run_without_a_name_is_called_after_its_choices(tmp_path: Path) -> None:
+    for _ in range(2):  # within one second
+        assert run(*SMALL, f"out={tmp_path}", "total_timesteps=128", "evaluate.every=0") == 0
+    names = [path.name for path in tmp_path.iterdir()]
+    assert len(names) == 2 and all(name.startswith("bench-sts3215-ppo-") for name in names)
+
+
+@pytest.mark.long
+def test_a_finished_run_goes_on_when_given_more_steps(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(f"resume={finished}") == 2
+    assert "larger total_timesteps" in capsys.readouterr().err
+    assert run(f"resume={finished}", "total_timesteps=768") == 0
+    assert steps(finished)[-1] == 768
+    assert list(np.load(finished / "evaluations.npz")["timesteps"]) == [256, 512, 768]
+
+
+@pytest.mark.long
+def test_a_killed_run_resumes_from_its_newest_complete_checkpoint(tmp_path: Path) -> None:
+    folder = killed(tmp_path / "killed")
+    killed_at = steps(folder)[-1]
+    torn = folder / "checkpoints" / ".writing-000000999999"  # what a kill within a checkpoint leaves
+    torn.mkdir()
+    (torn / "policy.safetensors").write_bytes(b"torn")
+    total = killed_at + 512
+    assert run(f"resume={folder}", f"total_timesteps={total}") == 0
+    assert steps(folder)[-1] == total and not torn.exists()
+    sessions = json.loads((folder / "run.json").read_text())["sessions"]
+    assert [session["from_step"] for session in sessions] == [0, killed_at]
+    logged = [event.step for event in events(folder).Scalars("time/fps")]
+    assert logged == list(range(128, total + 1, 128)), "TensorBoard shows one run without gaps or repeats"
+
+
+@pytest.mark.long
+def test_ctrl_c_saves_a_checkpoint_and_says_how_to_go_on(tmp_path: Path) -> None:
+    folder = tmp_path / "stopped"
+    process = start(*SMALL, f"out={tmp_path}", "name=stopped", "total_timesteps=1000000", "checkpoint.every=1000000")
+    wait_for(folder, "evaluations.npz", process)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130 and "Traceback" not in stderr
+    assert stderr.strip().splitlines()[-1].endswith(f"with: sealegs train resume={folder}")
+    assert len(steps(folder)) == 1
+
+
+@pytest.mark.long
+def test_a_damaged_checkpoint_gives_way_to_the_one_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "damaged"
+    assert run(*SMALL, f"out={tmp_path}", "name=damaged", "total_timesteps=512") == 0
+    (folder / "checkpoints" / "000000000512" / "policy.safetensors").write_bytes(b"torn")
+    assert run(f"resume={folder}", "total_timesteps=640") == 0
+    assert "000000000512 cannot be read" in capsys.readouterr().err
+    assert json.loads((folder / "run.json").read_text())["sessions"][-1]["from_step"] == 256
+
+
+@pytest.mark.long
+def test_a_full_disk_ends_in_one_sentence_and_keeps_the_checkpoints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sealegs.agents import checkpoint
+
+    save = checkpoint.save_policy
+
+    def full(folder: Path, model: PPO, description: dict) -> None:
+        if model.num_timesteps > 256:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
+        save(folder, model, description)
+
+    monkeypatch.setattr(checkpoint, "save_policy", full)
+    assert run(*SMALL, f"out={tmp_path}", "name=full", "total_timesteps=1024") == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "is full" in error and "step 256 is complete" in error
+    assert steps(tmp_path / "full") == [256]
+
+
+@pytest.mark.long
+def test_ctrl_c_in_the_final_evaluation_costs_none_of_the_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "late"
+    with monkeypatch.context() as patch:
+        patch.setattr("sealegs.agents.training.Evaluation.evaluate", lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        assert run(*SMALL, f"out={tmp_path}", "name=late", "total_timesteps=384") == 130
+    error = capsys.readouterr().err.strip()
+    assert "checkpoint at step 384" in error and "Traceback" not in error
+    assert not (folder / "final").exists()
+    assert run(f"resume={folder}") == 0
+    assert json.loads((folder / "final" / "policy.json").read_text())["step"] == 384
+    assert list(np.load(folder / "evaluations.npz")["timesteps"]) == [256, 384]
+    assert run(f"resume={folder}") == 2, "nothing is left to do"
+
+
+@pytest.mark.long
+def test_a_disk_that_is_full_at_the_final_policy_is_made_up_for_by_a_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sealegs.agents import training
+
+    save, folder = training.save_policy, tmp_path / "full"
+
+    def full(target: Path, *arguments: Any) -> None:
+        if "final" in target.name:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+        save(target, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "save_policy", full)
+        assert run(*SMALL, f"out={tmp_path}", "name=full", "total_timesteps=256") == 2
+    assert "step 256 is complete" in capsys.readouterr().err
+    assert run(f"resume={folder}") == 0
+    assert json.loads((folder / "final" / "policy.json").read_text())["step"] == 256
+
+
+@pytest.mark.long
+def test_a_film_that_is_missing_is_made_by_a_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def film(file: Path, *_: object) -> None:
+        file.write_bytes(b"film")
+
+    monkeypatch.setattr("sealegs.agents.training.record_video", film)
+    monkeypatch.setattr("sealegs.agents.training.make_single_env", lambda *_: SimpleNamespace(close=lambda: None))
+    folder = tmp_path / "film"
+    assert run(*SMALL, f"out={tmp_path}", "name=film", "total_timesteps=128") == 0
+    assert run(f"resume={folder}", "video.seconds=1") == 0
+    assert (folder / "video.mp4").read_bytes() == b"film"
+    assert run(f"resume={folder}") == 2, "nothing is left to do"
+    os.utime(folder / "video.mp4", (0, 0))  # as if the policy had been trained on since
+    assert run(f"resume={folder}") == 0
+
+
+@pytest.mark.long
+def test_a_damaged_history_is_set_aside_and_the_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "history"
+    assert run(*SMALL, f"out={tmp_path}", "name=history", "total_timesteps=128") == 0
+    for number, damaged in enumerate(('{"sessions": [', "[1]"), 1):
+        (folder / "run.json").write_text(damaged)
+        assert run(f"resume={folder}", f"total_timesteps={128 + 128 * number}") == 0
+        assert f"kept as run.damaged-{number}.json" in capsys.readouterr().err
+        assert (folder / f"run.damaged-{number}.json").read_text() == damaged
+    assert len(json.loads((folder / "run.json").read_text())["sessions"]) == 1
+
+
+@pytest.mark.long
+def test_a_best_policy_saved_after_the_last_checkpoint_stays(tmp_path: Path) -> None:
+    folder = tmp_path / "best"
+    assert run(*SMALL, f"out={tmp_path}", "name=best", "total_timesteps=256") == 0
+    description = json.loads((folder / "best" / "policy.json").read_text())
+    saved = json.dumps(description | {"mean_reward": 1e9})  # by a session that was killed
+    (folder / "best" / "policy.json").write_text(saved)
+    assert run(f"resume={folder}", "total_timesteps=512") == 0
+    assert (folder / "best" / "policy.json").read_text() == saved
+
+
+def test_two_processes_cannot_train_in_one_folder(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from sealegs.agents.run_folder import RunFolder
+
+    held = RunFolder.open(finished)
+    assert run(f"resume={finished}", "total_timesteps=4096") == 2
+    assert "Another process" in capsys.readouterr().err
+    held.close()
+
+
+SMALL_SAC = [
+    *(argument for argument in SMALL if not argument.startswith(("agent.n_steps", "agent.n_epochs"))),
+    *("agent=sac", "agent.learning_starts=64", "agent.buffer_size=2000"),
+]
+
+
+@pytest.mark.long
+def test_sac_resumes_with_its_replay_buffer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "sac"
+    assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0
+    buffers = sorted(int(path.parent.name) for path in folder.glob("checkpoints/*/replay_buffer.safetensors"))
+    assert len(steps(folder)) > 2 and buffers == steps(folder)[-2:], "the newest two checkpoints keep the buffer"
+    assert run(f"resume={folder}", "total_timesteps=832") == 0
+    assert "buffer" not in capsys.readouterr().err
+    assert "train/actor_loss" in events(folder).Tags()["scalars"]
+
+
+@pytest.mark.long
+def test_sac_goes_back_to_older_checkpoints_with_and_without_their_buffer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "sac"
+    assert run(*SMALL_SAC, "total_timesteps=768", f"out={tmp_path}", "name=sac") == 0
+    oldest, before, newest = (folder / "checkpoints" / f"{step:012d}" for step in steps(folder)[-3:])
+    weights = newest / "policy.safetensors"
+    weights.write_bytes(weights.read_bytes()[:1000])
+    shutil.copytree(folder, tmp_path / "again")
+    assert run(f"resume={folder}", "total_timesteps=640") == 0
+    errors = capsys.readouterr().err
+    assert f"{newest.name} cannot be read" in errors and "no replay buffer" not in errors
+    assert (before / "replay_buffer.safetensors").is_file(), "stands by, whatever lies damaged ahead"
+    again = tmp_path / "again" / "checkpoints"
+    (again / before.name / "replay_buffer.safetensors").write_bytes(b"torn")
+    assert run(f"resume={tmp_path / 'again'}", "total_timesteps=640") == 0
+    assert f"{oldest.name} has no replay buffer any more" in capsys.readouterr().err
+    sessions = json.loads((tmp_path / "again" / "run.json").read_text())["sessions"]
+    assert sessions[-1]["from_step"] == int(oldest.name)
+
+
+@pytest.mark.long
+def test_a_chain_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
+    chain = tmp_path / "extended.yaml"
+    chain.write_text((REPOSITORY / "configs" / "actuator" / "ideal.yaml").read_text())
+    assert run(*SMALL, f"actuator={chain}", f"out={tmp_path}", "name=own", "total_timesteps=256") == 0
+    chain.unlink()
+    assert run(f"resume={tmp_path / 'own'}", "total_timesteps=384") == 0
+
+
+@pytest.mark.long
+def test_a_randomisation_given_by_path_stays_with_the_run(tmp_path: Path) -> None:
+    file = tmp_path / "random.yaml"
+    file.write_text("joint: {friction.load: [0.0, 0.2], friction.viscous: {times: [0.8, 1.2]}}\n")
+    arguments = [f"env.randomization={file}", f"out={tmp_path}", "name=random", "total_timesteps=256"]
+    assert run(*SMALL, *arguments) == 0
+    file.unlink()
+    folder = tmp_path / "random"
+    kept = yaml.safe_load((folder / "config.yaml").read_text())["env"]["randomization"]
+    assert kept == {"joint": {"friction.load": [0.0, 0.2], "friction.viscous": {"times": [0.8, 1.2]}}}
+    friction = [stage["friction"] for stage in yaml.safe_load((folder / "actuators.yaml").read_text())["joint"][5:6]]
+    assert friction == [{"coulomb": 0.052, "viscous": 0.059}], "the chain that was asked for"
+    assert run(f"resume={folder}", "total_timesteps=384") == 0
+
+
+@pytest.mark.long
+def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
+    net = tmp_path / "mine.npz"
+    net.write_bytes((REPOSITORY / "configs" / "actuator" / "sts3215_net.npz").read_bytes())
+    chain = yaml.safe_load((REPOSITORY / "configs" / "actuator" / "net.yaml").read_text())
+    chain[0]["net"]["file"] = str(net)
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(chain))
+    arguments = [f"actuator={tmp_path / 'mine.yaml'}", f"out={tmp_path}", "name=net", "total_timesteps=256"]
+    assert run(*SMALL, *arguments) == 0
+    net.unlink()
+    (tmp_path / "net").rename(tmp_path / "moved")
+    assert run(f"resume={tmp_path / 'moved'}", "total_timesteps=384") == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("argument", "says"),
+    [
+        ("n_env=3", "did you mean 'n_envs'?"),
+        ("agent.learning_rat=1e-3", "did you mean 'agent.learning_rate'?"),
+        ("learning_rate=1e-3", "did you mean 'agent.learning_rate'?"),
+        ("checkpoint.evry=3", "did you mean 'checkpoint.every'?"),
+        ("env.gamma=3", "There is no key 'env.gamma'; --help"),
+        ("agent=pppo", "did you mean 'ppo'?"),
+        ("env=hoper", "did you mean 'hopper'?"),
+        ("env.id=SeaLegs/Hoper-v0", "did you mean 'SeaLegs/Hopper-v0'?"),
+        ("env.no_such=1", "no key 'env.no_such'"),
+        ("actuator=idea", "did you mean 'ideal'?"),
+        ("actuator=missing/extended.yaml", "missing/extended.yaml"),
+        ("n_envs=abc", "n_envs takes a whole number, not 'abc'"),
+        ("n_envs=0", "n_envs must be at least 1"),
+        ("seed=null", "seed takes a whole number"),
+        ("seed=-1", "seed must be at least 0"),
+        ("agent.gamma=nan", "agent.gamma takes a number, not nan"),
+        ("agent.gamma=1.5", "agent.gamma must be at most 1, not 1.5"),
+        ("agent.gae_lambda=-0.1", "agent.gae_lambda must be at least 0"),
+        ("agent.n_epochs=0", "agent.n_epochs must be at least 1, not 0"),
+        ("agent.n_steps=0", "agent.n_steps must be at least 1"),
+        ("agent.batch_size=0", "agent.batch_size must be at least 1"),
+        ("agent.learning_rate=-1", "agent.learning_rate must be at least 0"),
+        ("agent.learning_rate=lin_-1", "agent.learning_rate must be at least 0"),
+        ("agent.clip_range=-0.1", "agent.clip_range must be more than 0"),
+        ("agent.normalize.epsilon=-1", "agent.normalize.epsilon must be more than 0"),
+        ("total_timesteps=0", "total_timesteps must be at least 1"),
+        ("video.seconds=inf", "video.seconds takes a number, not inf"),
+        ("agent.learning_rate=fast", "schedule such as lin_3e-4"),
+        ("agent.target_kl=abc", "agent.target_kl takes a number or null"),
+        ("agent.normalize.clip_ob=1", "did you mean 'clip_obs'?"),
+        ("agent.policy_kwargs.activation_fn=tan", "there are tanh, relu, elu"),
+        ("agent.algorithm=td4", "there are ppo, sac"),
+        ("agent.gamma=1,2", "is a sweep"),
+        ("agent.n_steps=[1", "cannot be read"),
+        ("name=a/b", "one word without '/'"),
+        ("resume=nowhere/run", "is not a run folder"),
+        ("env.randomization=nowhere.yaml", "cannot read the randomisation nowhere.yaml"),
+        ("verbose", "form key=value"),
+        ("--verbose", "form key=value"),
+    ],
+)
+def test_wrong_input_is_one_sentence_and_leaves_no_folder(
+    argument: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [argument] if argument.startswith("resume") else [*SMALL, f"out={tmp_path / 'runs'}", argument]
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert says in error and len(error.splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.long
+def test_progress_never_tells_more_than_the_whole_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*SMALL, f"out={tmp_path}", "name=short", "total_timesteps=200") == 0
+    told = re.findall(r"^ *(\d+) %  step (\d+) of (\d+)", capsys.readouterr().out, re.MULTILINE)
+    assert told[-1] == ("100", "256", "256"), "two simulations of 64 steps a rollout"
+    assert all(int(step) <= int(total) for _, step, total in told)
+
+
+def test_the_repository_around_an_environment_is_not_that_of_the_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed = tmp_path / "venv" / "site-packages" / "sealegs"
+    installed.mkdir(parents=True)
+    (tmp_path / "file").touch()
+    commands = ["init -q", "add file", "-c user.name=A -c user.email=a@b.c commit -q -m strange"]
+    for command in commands:
+        subprocess.run(["git", "-C", str(tmp_path), *command.split()], check=True)
+    monkeypatch.setattr(run_folder, "REPOSITORY", installed)
+    assert run_folder.git_revision() == {"revision": None, "changed": None}
+
+
+def test_a_resumed_run_refuses_another_experiment(finished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(f"resume={finished}", "seed=3") == 2
+    assert "keeps its config" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_additional_arguments_of_the_algorithm_are_accepted(tmp_path: Path) -> None:
+    assert run(*SMALL, f"out={tmp_path}", "name=kl", "agent.target_kl=0.02", "total_timesteps=128") == 0
+    assert yaml.safe_load((tmp_path / "kl" / "config.yaml").read_text())["agent"]["target_kl"] == 0.02

@@ -1,0 +1,387 @@
+"""Recordings of other formats: what is proposed, what is asked, what is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import savemat
+from sealegs.commands.cli import main
+from sealegs.envs.bench.robot import BARE, NUMBERS
+from sealegs.gap.load.pendulum import completed
+from sealegs.gap.log import LogError, read_measured
+from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
+from sealegs.gap.log.importers.expression import evaluate, names_in
+from sealegs.gap.log.importers.mapping import Mapping
+from sealegs.gap.log.importers.proposal import propose
+from sealegs.gap.virtual.bench import LOADS
+
+DATA = Path(__file__).resolve().parents[2] / "../shared/data"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")
+TICK = 2.0 * np.pi / 4096
+
+
+def motion(seconds: float = 20.0, rate: float = 200.0, lag: float = 0.05, seed: int = 0) -> dict[str, np.ndarray]:
+    """A goal and a joint that follows it late [s, rad, rad/s], read by an encoder of 4096 ticks."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    rates, phases, sizes = np.array([1.3, 3.1, 7.0]), rng.uniform(0, 6, 3), np.array([0.6, 0.3, 0.08])
+
+    def angle(t: np.ndarray) -> np.ndarray:
+        return (sizes * np.sin(rates * t[:, None] + phases)).sum(1)
+
+    def speed(t: np.ndarray) -> np.ndarray:
+        return (sizes * rates * np.cos(rates * t[:, None] + phases)).sum(1)
+
+    position = 0.9 * angle(time - lag)
+    return {
+        "time": time,
+        "goal": angle(time),
+        "position": np.round(position / TICK) * TICK,
+        "smooth": position,
+        "velocity": 0.9 * speed(time - lag) + rng.normal(0.0, 0.01, len(time)),
+    }
+
+
+def table(folder: Path, columns: dict[str, np.ndarray], name: str = "run.csv", separator: str = ",") -> Path:
+    path = folder / name
+    lines = [separator.join(columns)]
+    lines += [separator.join(f"{value:.10g}" for value in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def proposed(path: Path, unit: str | None = None) -> tuple[dict[str, str], dict[str, str], list[str]]:
+    """Expressions, how sure each is, and the columns that are in question."""
+    proposal = propose(read_recordings(path), unit)
+    asked = [name for question in proposal.questions for name in question.about]
+    texts = {name: read.text for name, read in proposal.columns.items()}
+    return texts, {name: read.trust for name, read in proposal.columns.items()}, asked
+
+
+def test_units_in_names_become_si(tmp_path: Path) -> None:
+    m = motion()
+    columns = {
+        "timestamp_ms": 1e3 * m["time"],
+        "cmd_pos_deg": np.degrees(m["goal"]),
+        "pos_deg": np.degrees(m["smooth"]),
+        "speed_rpm": m["velocity"] * 30 / np.pi,
+        "motor_current_mA": 300.0 * np.sign(m["velocity"]),
+        "torque_cmd_Nm": 0.2 * m["velocity"],
+    }
+    texts, trust, asked = proposed(table(tmp_path, columns))
+    assert texts == {
+        "time": "timestamp_ms*1e-3",
+        "joint.goal": "cmd_pos_deg*pi/180",
+        "joint.position": "pos_deg*pi/180",
+        "joint.velocity": "speed_rpm*2*pi/60",
+        "joint.current": "motor_current_mA*1e-3",
+        "joint.torque_command": "torque_cmd_Nm",
+    }
+    assert set(trust.values()) == {"sure"} and not asked
+
+
+def test_what_is_imported_is_what_was_recorded(tmp_path: Path) -> None:
+    m = motion()
+    path = table(
+        tmp_path, {"t_ms": 1e3 * m["time"], "target_deg": np.degrees(m["goal"]), "q_deg": np.degrees(m["smooth"])}
+    )
+    load = {"mass": 0.5, "length": 0.1}
+    found = propose_for(path, tmp_path / "log", robot="bench", actuator="sts3215", params=load)
+    done = import_logs(path, tmp_path / "log", found.mapping)
+    log = yaml.safe_load(done.sidecar.read_text())
+    assert log["robot"] == "bench" and log["actuators"] == {"joint": "sts3215"} and not done.missing
+    run = read_measured(tmp_path / "log").runs[0]
+    np.testing.assert_allclose(run.time, m["time"], atol=1e-9)
+    np.testing.assert_allclose(run.joints["joint"].position, m["smooth"], atol=1e-8)
+    assert run.meta["imported_from"] == str(path)
+
+
+def test_the_steps_of_an_encoder_tell_the_unit_that_nobody_says(tmp_path: Path) -> None:
+    m = motion()
+    for turn, behind in ((2 * np.pi, ""), (360.0, "*pi/180"), (1.0, "*2*pi")):
+        scale = turn / (2 * np.pi)
+        path = table(tmp_path, {"time": m["time"], "target": scale * m["goal"], "angle": scale * m["position"]})
+        texts, trust, asked = proposed(path)
+        assert texts["joint.position"] == f"angle{behind}" and trust["joint.position"] == "sure"
+        assert texts["joint.goal"] == f"target{behind}" and not asked
+
+
+def test_numbers_that_no_name_explains_are_asked_about(tmp_path: Path) -> None:
+    m = motion()
+    degrees = table(tmp_path, {"time": m["time"], "goal": 57 * m["goal"], "pos": 57 * m["smooth"]})
+    assert proposed(degrees)[2] == ["joint.position", "joint.goal"]
+    answered = proposed(degrees, unit="deg")
+    assert answered[0]["joint.position"] == "pos*pi/180" and not answered[2]
+    ticks = table(
+        tmp_path, {"time": m["time"], "goal": 2048 + m["goal"] / TICK, "pos": np.round(2048 + m["position"] / TICK)}
+    )
+    assert "joint.position" in proposed(ticks)[2]
+
+
+def test_what_follows_what_tells_goal_from_position_and_velocity(tmp_path: Path) -> None:
+    m = motion()
+    path = table(
+        tmp_path, {"time": m["time"], "a": m["goal"], "q": m["position"], "b": m["velocity"], "c": 0 * m["time"]}
+    )
+    texts, _, asked = proposed(path)
+    assert (texts["joint.goal"], texts["joint.velocity"]) == ("a", "b") and not asked
+    swapped = table(tmp_path, {"time": m["time"], "goal": m["smooth"], "pos": m["goal"]})
+    assert "joint.goal" in proposed(swapped)[2]  # a position does not move before its goal
+
+
+def test_qd_is_the_derivative_or_the_wanted_angle(tmp_path: Path) -> None:
+    m = motion()
+    texts = proposed(table(tmp_path, {"t": m["time"], "q": m["smooth"], "qd": m["velocity"], "qr": m["goal"]}))[0]
+    assert (texts["joint.velocity"], texts["joint.goal"]) == ("qd", "qr")
+    assert proposed(table(tmp_path, {"t": m["time"], "q": m["smooth"], "qd": m["goal"]}))[0]["joint.goal"] == "qd"
+
+
+def test_semicolons_decimal_commas_and_comments_are_read(tmp_path: Path) -> None:
+    m = motion(5.0)
+    path = table(
+        tmp_path, {"Zeit [ms]": 1e3 * m["time"], "Soll [deg]": m["goal"], "Ist [deg]": m["smooth"]}, separator=";"
+    )
+    path.write_text("% made by a tool\n" + path.read_text().replace(".", ","))
+    (recording,) = read_recordings(path)
+    np.testing.assert_allclose(recording.columns["Ist [deg]"], m["smooth"], atol=1e-9)
+
+
+def test_several_joints_are_parted_by_their_names(tmp_path: Path) -> None:
+    m, n = motion(seed=1), motion(seed=2)
+    columns = {"time": m["time"]}
+    for joint, one in (("elbow", m), ("wrist_roll", n)):
+        columns |= {f"goal_{joint}": one["goal"], f"pos_{joint}": one["position"], f"vel_{joint}": one["velocity"]}
+    texts, _, asked = proposed(table(tmp_path, columns))
+    assert texts["wrist_roll.position"] == "pos_wrist_roll" and texts["elbow.goal"] == "goal_elbow" and not asked
+
+
+def test_the_first_call_shows_and_stops_and_the_second_imports(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = motion()
+    path, out = (
+        table(tmp_path, {"t_ms": 1e3 * m["time"], "goal_deg": m["goal"], "pos_deg": m["smooth"]}),
+        tmp_path / "log",
+    )
+    assert main(["import", str(path), f"out={out}"]) == 0
+    shown = capsys.readouterr().out
+    assert "Nothing is imported yet" in shown and not out.exists()
+    file = tmp_path / "log.mapping.yaml"
+    assert read_mapping(file).columns["joint.position"] == "pos_deg*pi/180"
+    assert main(["import", str(path), f"out={out}", f"mapping={file}"]) == 0
+    assert "Fill in robot, robot_params (of a bench) and actuators in" in capsys.readouterr().out
+    text = (out / "log.yaml").read_text()
+    assert text.count("FILL IN") == 4 and (out / "run.csv").is_file()
+    assert main(["import", str(path), f"out={out}", f"mapping={file}"]) == 2
+    assert "never overwritten" in capsys.readouterr().err
+
+
+def test_the_load_of_a_bench_is_asked_for_with_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The offered command ended at once: the bench's load was missing, and nobody had said so."""
+    m = motion()
+    path = table(tmp_path, {"t_ms": 1e3 * m["time"], "goal_deg": m["goal"], "pos_deg": m["smooth"]})
+    known = ["yes=true", "robot=bench", "actuator=sts3215"]
+    assert main(["import", str(path), f"out={tmp_path / 'open'}", *known]) == 0
+    assert "Fill in robot_params in" in capsys.readouterr().out
+    text = (tmp_path / "open" / "log.yaml").read_text()
+    assert "robot_params:  # FILL IN the load: mass [kg]" in text
+    (tmp_path / "open" / "log.yaml").write_text(text.replace("# mass", "mass").replace("# length", "length"))
+    assert read_measured(tmp_path / "open").runs[0].robot_params == {"mass": 0.5, "length": 0.12}
+    given = "robot_params={mass: 0.4, length: 0.1}"
+    assert main(["import", str(path), f"out={tmp_path / 'given'}", *known, given]) == 0
+    assert "Fill in" not in capsys.readouterr().out
+    assert read_measured(tmp_path / "given").runs[0].robot_params == {"mass": 0.4, "length": 0.1}
+
+
+def test_chains_that_a_robots_file_has_are_not_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """ "Fill in actuators" was said beside a robot's file that holds them."""
+    m = motion()
+    path = table(tmp_path, {"t_ms": 1e3 * m["time"], "elbow_goal_deg": m["goal"], "elbow_pos_deg": m["smooth"]})
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><worldbody><body><joint name="elbow" axis="0 1 0"/><geom size="0.1" mass="1"/></body></worldbody>'
+        "</mujoco>"
+    )
+    (tmp_path / "arm.yaml").write_text("model: arm.xml\njoints: {elbow: {chain: sts3215}}\n")
+    assert main(["import", str(path), f"out={tmp_path / 'log'}", "yes=true", f"robot={tmp_path / 'arm.yaml'}"]) == 0
+    assert "Fill in" not in capsys.readouterr().out
+    assert "FILL IN what" not in (tmp_path / "log" / "log.yaml").read_text()
+
+
+def test_a_supply_that_never_changes_is_a_voltage(tmp_path: Path) -> None:
+    """Named Vbat or supply, it was left out: 'it never changes'."""
+    m = motion(seed=1)
+    volts = {"Vbat": 7.4 + 0.0 * m["time"]}
+    one = {"time": m["time"], "goal": m["goal"], "pos": m["position"], **volts}
+    assert proposed(table(tmp_path, one))[0]["joint.voltage"] == "Vbat"
+    named = {name if name != "Vbat" else "vbat_V": values for name, values in one.items()}
+    assert proposed(table(tmp_path, named))[0]["joint.voltage"] == "vbat_V", "its unit made a joint of its name"
+    two = {"time": m["time"], "goal_elbow": m["goal"], "pos_elbow": m["position"], **volts}
+    other = motion(seed=2)
+    two |= {"goal_wrist": other["goal"], "pos_wrist": other["position"]}
+    texts = proposed(table(tmp_path, two))[0]
+    assert texts["elbow.voltage"] == texts["wrist.voltage"] == "Vbat", "a bus has one supply"
+
+
+@pytest.mark.parametrize(("largest", "round_to", "asks"), [(4.0, 3, False), (400.0, 3, True), (40.0, 0, True)])
+def test_a_torque_of_no_small_servo_or_in_whole_numbers_is_asked_about(
+    tmp_path: Path, largest: float, round_to: int, asks: bool
+) -> None:
+    """400 of a register were taken for N.m of a servo of 2 N.m, where nobody objected."""
+    m = motion()
+    torque = np.round(largest * np.sin(3.0 * m["time"]), round_to)
+    _, _, asked = proposed(table(tmp_path, {"time": m["time"], "pos": m["position"], "torque": torque}))
+    assert ("joint.torque" in asked) is asks
+
+
+def test_a_goal_is_known_whatever_the_position_is_called(tmp_path: Path) -> None:
+    """'Goal [Grad]' beside 'Arm measured [Grad]' was 'goal of '', which has no position'."""
+    m = motion()
+    time, goal, position = m["time"], np.degrees(m["goal"]), np.degrees(m["smooth"])
+    for names in (
+        ("Goal [Grad]", "Arm measured [Grad]"),
+        ("Sollwert [Grad]", "Istwert [Grad]"),
+        ("Soll [°]", "Winkel"),
+    ):
+        texts, _, asked = proposed(table(tmp_path, {"Zeit [s]": time, names[0]: goal, names[1]: position}))
+        joint = next(name for name in texts if name.endswith(".goal")).partition(".")[0]
+        assert texts[f"{joint}.goal"] == f"`{names[0]}`*pi/180" and f"{joint}.position" in texts
+        assert not asked or names[1] == "Winkel", "which says no unit"
+    strays = {"time": time, "goal_wrist": np.cos(9.0 * time), "pos_elbow": m["smooth"]}
+    assert "wrist" not in str(proposed(table(tmp_path, strays))[0]), "what does not move it is not its goal"
+
+
+def test_an_open_question_holds_the_import_and_yes_leaves_its_columns_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = motion()
+    columns = {"time": m["time"], "goal": m["goal"], "pos": m["position"], "torque": 99.0 + 10 * m["goal"]}
+    path, out = table(tmp_path, columns), tmp_path / "log"
+    assert main(["import", str(path), f"out={out}"]) == 0
+    assert main(["import", str(path), f"out={out}", f"mapping={tmp_path / 'log.mapping.yaml'}"]) == 2
+    assert "joint.torque: is it a torque at all" in capsys.readouterr().err
+    assert main(["import", str(path), f"out={out}", "yes=true", "robot=bench", "actuator=sts3215"]) == 0
+    assert "Left out, for they are in question: joint.torque." in capsys.readouterr().out
+    assert read_measured(out).runs[0].joints["joint"].torque is None
+
+
+def test_matlab_vectors_and_numbers_become_columns_and_constants(tmp_path: Path) -> None:
+    m = motion(5.0)
+    savemat(
+        tmp_path / "a.mat",
+        {"t": m["time"][:, None], "qm": m["smooth"], "qg": m["goal"], "vir": m["velocity"], "gtau": 2.0},
+    )
+    (recording,) = read_recordings(tmp_path / "a.mat")
+    assert recording.facts == {"gtau": 2.0}
+    mapping = Mapping({"time": "t", "j.position": "qm", "j.goal": "qg", "j.torque_command": "vir*gtau"})
+    import_logs(tmp_path / "a.mat", tmp_path / "log", mapping)
+    (tmp_path / "log" / "log.yaml").write_text("robot: bench\nactuators: {j: ideal}\n")
+    log = read_measured(tmp_path / "log").runs[0].joints["j"]
+    assert log.torque_command is not None
+    np.testing.assert_allclose(log.torque_command, 2.0 * m["velocity"], atol=1e-12)
+    (tmp_path / "b.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\0" * 600)
+    with pytest.raises(LogError, match="is not a MATLAB file, or a damaged one"):
+        read_recordings(tmp_path / "b.mat")
+
+
+def test_a_rod_that_nobody_weighed_is_the_benchs_own_in_an_import_too(tmp_path: Path) -> None:
+    """It weighed 0 kg in an imported log, and 0.03 kg everywhere else."""
+    m = motion(5.0)
+    columns = {"time": m["time"], "goal": m["goal"], "position": m["smooth"]}
+    savemat(tmp_path / "a.mat", {**columns, "mass": 0.5, "length": 0.1})
+    found = propose_for(tmp_path / "a.mat", tmp_path / "log", actuator="sts3215")
+    import_logs(tmp_path / "a.mat", tmp_path / "log", found.mapping)
+    run = read_measured(tmp_path / "log").runs[0]
+    assert run.robot == "bench" and completed(run.robot_params)["arm_mass"] == NUMBERS["arm_mass"].value
+    assert completed({"mass": 0.0})["arm_mass"] == BARE["arm_mass"] == 0.0, "an empty shaft has none"
+    assert all(load["arm_mass"] == NUMBERS["arm_mass"].value for load in LOADS)
+
+
+# --- expressions -----------------------------------------------------------------------------------------------------
+
+
+def test_expressions_are_arithmetic(tmp_path: Path) -> None:
+    values = {"a": np.array([1.0, 2.0]), "Joint 1 (deg)": np.array([180.0, 90.0]), "k": 3.0, "raw": np.array([65527.0])}
+    np.testing.assert_allclose(evaluate("-(a - 2)*k**2/2 + 1e-3", values, ""), [4.501, 0.001])
+    np.testing.assert_allclose(evaluate("`Joint 1 (deg)`*pi/180", values, ""), [np.pi, np.pi / 2])
+    np.testing.assert_allclose(evaluate("signed16(raw)", values, ""), [-9.0])
+    np.testing.assert_allclose(evaluate("unwrap(a*3)", values, ""), [3.0, 6.0])
+    assert names_in("unwrap(b) + cumsum(a)*counter(b)") == ["b", "a"], "no function is called for it"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("b + 1", "takes 'b', which is no column"),
+        ("__import__('os')", "cannot be read from"),
+        ("open(a)", "calls 'open'"),
+        ("a +", "lacks a number or a column at its end"),
+        ("(a", "lacks a '\\)'"),
+        ("a a", "where it should end"),
+        ("(" * 200 + "a", "nested too deeply"),
+        ("unwrap(b)", "takes 'b', which is no column"),
+    ],
+)
+def test_a_wrong_expression_gets_one_sentence(text: str, sentence: str) -> None:
+    with pytest.raises(LogError, match=sentence):
+        evaluate(text, {"a": 1.0}, "x")
+
+
+# --- measured data ---------------------------------------------------------------------------------------------------
+
+
+@needs_data
+def test_a_bam_recording_is_imported_with_its_pendulum_and_its_gain(tmp_path: Path) -> None:
+    source = DATA / "xl330_pendulum" / "raw_2026-01-15_10h28m10.json"
+    import_logs(source, tmp_path, propose_for(source, tmp_path).mapping)
+    run = read_measured(tmp_path).runs[0]
+    assert run.robot_params == {"mass": 0.49, "length": 0.1} and run.meta["group"] == "kp100"
+    chain = run.actuators["servo"]
+    assert isinstance(chain, list) and chain[0]["position_p"]["gain"] == pytest.approx(
+        100 * 4096 / (2 * np.pi) / 256 / 885
+    )
+    assert {"goal", "position", "velocity", "voltage", "temperature"} <= run.joints["servo"].signals().keys()
+
+
+@needs_data
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_an_arm_is_proposed_joint_by_joint_and_its_gripper_asked_about(unit: str) -> None:
+    (recording,) = read_recordings(DATA / "so101_arm" / "chirp_sweep.parquet")
+    if unit == "deg":
+        columns = {
+            name: np.degrees(v) if name[:3] in ("pos", "goa", "vel") else v for name, v in recording.columns.items()
+        }
+        recording = type(recording)(recording.name, columns, recording.source, "table")
+    proposal = propose([recording])
+    behind = "*pi/180" if unit == "deg" else ""
+    for joint in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"):
+        for signal, name in (("position", "pos"), ("goal", "goal"), ("velocity", "vel")):
+            assert proposal.columns[f"{joint}.{signal}"].text == f"{name}_{joint}{behind}"
+    asked = [name for question in proposal.questions for name in question.about]
+    assert "gripper.position" in asked and not any(name.endswith("flex.position") for name in asked)
+
+
+@needs_data
+def test_two_joints_that_were_driven_by_torque_are_told_apart() -> None:
+    texts, _, asked = proposed(DATA / "double_pendulum" / "sys_id_00.parquet")
+    for k in "12":
+        assert texts[f"joint{k}.torque_command"] == f"tau_con{k}" and texts[f"joint{k}.torque"] == f"tau_meas{k}"
+        assert texts[f"joint{k}.position"] == f"pos_meas{k}"
+    assert not asked
+
+
+@needs_data
+def test_what_drives_a_slide_is_asked_with_the_constant_of_the_file() -> None:
+    texts, _, asked = proposed(DATA / "emps" / "DATA_EMPS.mat")
+    assert (texts["joint.position"], texts["joint.goal"]) == ("qm", "qg")
+    assert texts["joint.torque_command"] == "vir*gtau" and asked == ["joint.torque_command"]
+
+
+@needs_data
+@pytest.mark.parametrize(("word", "folder"), [("emps", "emps"), ("double_pendulum", "double_pendulum")])
+def test_a_published_data_set_has_its_mapping(tmp_path: Path, word: str, folder: str) -> None:
+    done = import_logs(DATA / folder, tmp_path, read_mapping(word))
+    text = done.sidecar.read_text()
+    assert "FILL IN" in text and all(path.is_file() for path in done.files)

@@ -1,0 +1,160 @@
+"""What README and docs tell to type does what they say."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sealegs.gap.causes.catalogue import checked
+from sealegs.gap.causes.registry import ENTRIES, GROUND
+from sealegs.gap.virtual.bench import record
+
+from docs.generate import catalogue as catalogue_page
+from docs.generate import thresholds as thresholds_page
+from tests.doc_blocks import NO_DATA, NOT_RUN, REPOSITORY, Block, blocks, check, pages, why_not, world
+
+BLOCKS = [block for path in pages() for block in blocks(path)]
+LINK = re.compile(r"\]\((?!https?:|#)([^)\s#]+)(#[^)\s]*)?\)")
+INTERNAL = re.compile(r"seed 00\d|issue \d|\bhelper [A-Z]\b", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: f"{block.page}:{block.line}")
+def test_a_block_is_of_a_command_or_a_text_that_there_is(block: Block) -> None:
+    check(block)
+
+
+TABLE = re.compile(r"(?:^[ \t]*\|.*\n)+", re.MULTILINE)
+RULE = re.compile(r"\|(?:\s*:?-+:?\s*\|)+")
+
+
+def cells(row: str) -> int:
+    return len(re.findall(r"(?<!\\)\|", row))
+
+
+@pytest.mark.parametrize("path", [*pages(), *sorted((REPOSITORY / "envs").glob("*/env.py"))], ids=str)
+def test_every_table_has_a_head_and_rows_as_wide_as_it(path: Path) -> None:
+    for table in TABLE.findall(path.read_text(encoding="utf-8") + "\n"):
+        head, rule, *rows = [*table.strip().splitlines(), ""]
+        assert RULE.fullmatch(rule.strip()), f"no head: {head}"
+        assert [row for row in rows if row and cells(row) != cells(head)] == []
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+def test_links_of_a_page_lead_somewhere(path: Path) -> None:
+    own = {"changelog.md", "contributing.md"}  # the site makes these of the files at the top
+    made = re.compile(r"results/[a-z0-9_]+\.md$")  # and these of benchmarks/results
+    for target, _ in LINK.findall(path.read_text(encoding="utf-8")):
+        if target in own or (made.search(target) and (path.parents[0] / "../benchmarks" / target).is_file()):
+            continue
+        assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+def test_a_page_speaks_of_nothing_internal(path: Path) -> None:
+    assert not INTERNAL.search(path.read_text(encoding="utf-8"))
+
+
+def test_the_catalogue_page_is_that_of_the_causes() -> None:
+    assert catalogue_page.PAGE.read_text(encoding="utf-8") == catalogue_page.page(), "python -m docs.generate.catalogue"
+
+
+def test_every_cause_of_joint_and_ground_has_its_picture_and_every_picture_its_cause() -> None:
+    folder = catalogue_page.PAGE.parent / "pictures" / "causes"
+    assert {path.stem for path in folder.glob("*.png")} == {*catalogue_page.causes(), *GROUND}
+
+
+@pytest.mark.parametrize("name", sorted(checked(None)))
+def test_every_cause_is_on_the_page_of_the_catalogue(name: str) -> None:
+    page = catalogue_page.PAGE.read_text(encoding="utf-8")
+    assert f"### {name}\n" in page or f"`{name}`" in page.rpartition("## ")[2]
+
+
+def test_the_page_of_thresholds_is_that_of_the_settings() -> None:
+    page = thresholds_page.PAGE.read_text(encoding="utf-8")
+    assert page == thresholds_page.page(), "python -m docs.generate.thresholds"
+
+
+# --- typed from top to bottom ----------------------------------------------------------------------------------------
+
+PRESUPPOSED = {
+    "docs/actuation-chain.md": ("diagnosis",),
+    "docs/deploy.md": ("logs/bench", "diagnosis", "runs/first", "sit.csv"),
+    "docs/diagnose-more.md": ("logs/bench",),
+    "docs/next-experiment.md": ("diagnosis",),
+    "docs/train-and-deploy.md": ("logs/bench", "diagnosis", "runs/loop-1/diagnosis", "bench.csv"),
+}
+"""What a page takes for granted, since another one made it."""
+CONSIDERED = ("friction.coulomb", "drive.delay")
+
+
+def few_causes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every diagnosis of a test consider few causes, so that it takes seconds."""
+    kept = {name: entry for name, entry in ENTRIES.items() if name in CONSIDERED}
+    monkeypatch.setattr("sealegs.gap.causes.catalogue.ENTRIES", kept)
+
+
+WEEKLY = ("deploy.md", "your-own-robot.md", "diagnose-your-servo.md")
+"""Pages that take a minute and more; what they do has tests of its own."""
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Logs, a diagnosis of them and a trained policy, by the path that pages call them."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch, world(folder, {}) as reader:
+        few_causes(patch)
+        record(Path("logs/bench"), "sts3215", {"friction.coulomb": 0.12}, excitations=("chirp", "steps", "multisine"))
+        Path("sit.csv").write_text("time,hip.goal,knee.goal\n0,-0.6,1.0\n0.5,-0.6,1.0\n")
+        reader.run(["sealegs", "characterize", "repeats=1", "out=brake"])
+        Path("brake/table.csv").rename("bench.csv")
+        reader.run(["sealegs", "diagnose", "log=logs/bench", "out=diagnosis"])
+        reader.run(["sealegs", "train", "name=first"])
+    names = ("logs/bench", "diagnosis", "runs/first", "bench.csv", "sit.csv")
+    return {name: folder / name for name in names} | {"runs/loop-1/diagnosis": folder / "diagnosis"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(page, marks=pytest.mark.weekly) if page.name in WEEKLY else page for page in pages()],
+    ids=lambda path: path.name,
+)
+def test_a_page_can_be_typed_from_top_to_bottom(
+    path: Path, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few_causes(monkeypatch)
+    places = PRESUPPOSED.get(str(path.relative_to(REPOSITORY)), ())
+    made = request.getfixturevalue("made") if places else {}
+    with world(tmp_path, {place: made[place] for place in places}) as reader:
+        for block in blocks(path):
+            reader.do(block)
+
+
+def test_what_is_not_run_has_a_reason_that_some_command_needs() -> None:
+    commands = [command for block in BLOCKS if block.language == "sh" for command in block.commands]
+    reasons = {why_not(command) for command in commands} - {None, NO_DATA}
+    assert reasons == set(NOT_RUN.values())
+    assert sum(why_not(command) in (None, NO_DATA) for command in commands) > 0.7 * len(commands)
+
+
+def test_every_page_of_results_is_in_the_sites_navigation() -> None:
+    root = Path(__file__).parents[2]
+    named = (root / "mkdocs.yml").read_text(encoding="utf-8")
+    measured = sorted(path.name for path in (root / "benchmarks" / "results").glob("*.md"))
+    assert measured and [name for name in measured if f"results/{name}" not in named] == []
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    root = Path(__file__).parents[2]
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(
+        build, cwd=root, capture_output=True, text=True, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "index.html").is_file()

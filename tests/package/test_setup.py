@@ -1,0 +1,128 @@
+"""Set-up: the two commands, the pins, and a help page on every script."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name != "setup.py")
+
+
+def constraints() -> dict[str, str]:
+    """Version of each pinned package."""
+    lines = (REPOSITORY / "constraints.txt").read_text().splitlines()
+    pins = (line.split("==") for line in lines if line and not line.startswith("#"))
+    return {canonicalize_name(name): version for name, version in pins}
+
+
+def needed() -> set[str]:
+    """Packages that pyproject.toml asks for, and all that those which `make` installs bring along on this machine."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    extras = re.search(r"^EXTRAS := (.*)$", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
+    assert extras
+    found: set[str] = set()
+    open_ends = [Requirement(line) for line in project["dependencies"]]
+    for extra, lines in project["optional-dependencies"].items():
+        if extra in extras[1].split():
+            open_ends += [Requirement(line) for line in lines]
+        else:
+            found |= {canonicalize_name(Requirement(line).name) for line in lines}
+    while open_ends:
+        requirement = open_ends.pop()
+        name = canonicalize_name(requirement.name)
+        if name in found and not requirement.extras:
+            continue
+        found.add(name)
+        for line in importlib.metadata.requires(name) or ():
+            further = Requirement(line)
+            wanted = [{"extra": extra} for extra in requirement.extras] or [{"extra": ""}]
+            if further.marker is None or any(further.marker.evaluate(extra) for extra in wanted):
+                open_ends.append(further)
+    return found
+
+
+def test_every_package_is_pinned() -> None:
+    assert needed() <= set(constraints())
+
+
+@pytest.mark.parametrize("name", ["mujoco", "numba", "gymnasium", "pydantic", "stable-baselines3"])
+def test_what_an_older_release_lacks_has_a_floor_that_the_pin_is_above(name: str) -> None:
+    """``pip install .`` was content with a MuJoCo that has no batches, and failed at the first environment."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    lines = [*project["dependencies"], *project["optional-dependencies"]["train"]]
+    (asked,) = (r for r in map(Requirement, lines) if r.name == name)
+    assert any(bound.operator == ">=" for bound in asked.specifier)
+    assert asked.specifier.contains(constraints()[canonicalize_name(name)])
+
+
+def test_the_pins_are_what_the_tests_run_with() -> None:
+    here: dict[str, str] = {canonicalize_name(item.name): item.version for item in importlib.metadata.distributions()}
+    wrong = {
+        name: (version, here[name])
+        for name, version in constraints().items()
+        if name in here and here[name].partition("+")[0] != version
+    }
+    assert not wrong, "constraints.txt and .venv differ: run make setup"
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_script_has_a_help_page(
+    script: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [script, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(REPOSITORY / script), run_name="__main__")
+    page = capsys.readouterr()
+    assert not ended.value.code and not page.err
+    assert f"sealegs {script.removesuffix('.py').replace('_', '-')}" in page.out
+
+
+def test_make_help_lists_every_command() -> None:
+    makefile = (REPOSITORY / "Makefile").read_text()
+    phony = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
+    assert phony
+    page = subprocess.run(
+        ["make", "--no-print-directory", "help"], cwd=REPOSITORY, capture_output=True, text=True, check=True
+    ).stdout
+    assert [line.split()[1] for line in page.splitlines()] == phony.group(1).split()
+
+
+def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
+    shutil.copy(REPOSITORY / "Makefile", tmp_path)
+    kept = [tmp_path / "runs" / "first" / "config.yaml", tmp_path / "logs" / "bench.csv"]
+    removed = [tmp_path / ".venv" / "pyvenv.cfg", tmp_path / "gap" / "__pycache__" / "log.pyc"]
+    for file in [*kept, *removed]:
+        file.parent.mkdir(parents=True)
+        file.touch()
+    subprocess.run(["make", "clean"], cwd=tmp_path, capture_output=True, check=True)
+    assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
+
+
+def test_continuous_integration_runs_every_test_once_a_week_and_all_but_the_longest_every_day() -> None:
+    script = REPOSITORY / ".ci" / "run"
+    assert script.stat().st_mode & 0o111
+    lines = [line.strip() for line in script.read_text().splitlines()]
+    assert lines[-5:] == ["make test", "make test-all", 'if [ "$(date +%u)" = 7 ]; then', "make test-weekly", "fi"]
+    makefile = (REPOSITORY / "Makefile").read_text()
+    assert all(f'-m "{chosen}"' in makefile for chosen in ("not long", "long and not weekly"))
+    assert "-m weekly" in makefile
+
+
+@pytest.mark.long
+def test_the_demo_never_writes_into_an_existing_folder(tmp_path: Path) -> None:
+    (tmp_path / "kept").touch()
+    command = [sys.executable, "demo.py", f"out={tmp_path}"]
+    answer = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, timeout=60)
+    assert answer.returncode == 2 and "nothing is overwritten" in answer.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]

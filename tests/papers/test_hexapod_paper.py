@@ -1,0 +1,127 @@
+"""The hexapod behaves as its paper (paper 001) says, as far as assumed numbers allow."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.common.errors import SealegsError
+from sealegs.envs.hexapod.gait import Tripod
+from sealegs.papers.hexapod.friction_bench import breakaway, steady
+from sealegs.papers.hexapod.paper import Machine, Standing, Walk, friction_at_rest, limit_by_speed, stand_unpowered
+from sealegs.papers.hexapod.report import motors
+
+from tests.typed import Done, typed
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FAST = 0.03  # [m/s] a cycle takes 6 s
+
+
+@pytest.fixture(scope="module")
+def standing() -> dict[str, Standing]:
+    return {name: stand_unpowered(name, 2.0) for name in ("none", "dry/viscous", "LuGre")}
+
+
+@pytest.fixture(scope="module")
+def walks() -> dict[str, Walk]:
+    return {name: Machine(name).walk(Tripod(FAST), 1.25) for name in ("dry/viscous", "LuGre", "dry/viscous 2")}
+
+
+def test_only_bristles_hold_an_unpowered_robot_up(standing: dict[str, Standing]) -> None:
+    assert standing["LuGre"].sinking < 2e-4
+    last = slice(-50, None)
+    assert np.ptp(standing["LuGre"].height[last]) < 1e-6  # it has come to rest
+    for name in ("none", "dry/viscous"):
+        assert standing[name].sinking > 2e-3  # 10 mm in 10 s
+        rate = np.gradient(standing[name].height[last], standing[name].time[last])
+        assert rate == pytest.approx(rate.mean(), rel=0.05)  # and it goes on
+
+
+def test_bristles_come_to_balance_gravity(standing: dict[str, Standing]) -> None:
+    row = standing["LuGre"]
+    assert row.friction[-1] == pytest.approx(row.load[-1], rel=0.01)
+    assert row.friction[-1] > 300.0
+    assert standing["dry/viscous"].friction[-1] == pytest.approx(110.0)  # all that dry friction has
+
+
+def test_the_robot_walks_at_its_speed_without_a_fall(walks: dict[str, Walk]) -> None:
+    for walk in walks.values():
+        assert walk.speed() == pytest.approx(FAST, rel=0.05)
+        assert abs(walk.place[-1, 1]) < 2e-3
+        assert np.ptp(walk.place[:, 2]) < 3e-3
+        assert walk.contact.sum(axis=1).mean() == pytest.approx(walk.weight, rel=0.02)
+
+
+def test_only_bristles_spare_the_vertical_motor_its_current_in_support(walks: dict[str, Walk]) -> None:
+    held = {name: motors(walk)["vertical current"]["support median"] for name, walk in walks.items()}
+    assert held["LuGre"] < 0.15 * held["dry/viscous"]
+    assert held["dry/viscous"] > 0.4
+    assert held["dry/viscous 2"] > 0.4
+
+
+def test_load_dependence_raises_the_horizontal_current_in_support_alone(walks: dict[str, Walk]) -> None:
+    plain, loaded = (motors(walks[name])["horizontal current"] for name in ("dry/viscous", "dry/viscous 2"))
+    assert loaded["support rms"] > 1.5 * plain["support rms"]
+    assert loaded["transfer rms"] == pytest.approx(plain["transfer rms"], rel=0.15)
+
+
+def test_specific_resistance_is_alike_for_bristles_and_a_third_less_without_load_dependence(
+    walks: dict[str, Walk],
+) -> None:
+    dry, lugre, loaded = (walk.resistance() for walk in walks.values())
+    assert lugre == pytest.approx(dry, rel=0.1)
+    assert 1.0 - dry / loaded == pytest.approx(0.35, abs=0.05)
+
+
+def test_friction_of_a_leg_is_found_for_each_direction_from_the_motors_current() -> None:
+    planted = {"coulomb": 100.0, "stribeck": 700.0, "asymmetry": 15.0}
+    found = steady(planted, (0.003, 0.008))
+    assert found.coulomb == pytest.approx((115.0, 85.0), rel=0.01)
+    assert found.viscous == pytest.approx((3000.0, 3000.0), rel=0.1)
+    assert breakaway(planted, 5.0) == pytest.approx((815.0, 785.0), rel=0.01), "whatever the foot carries"
+
+
+def test_a_load_that_overcomes_the_joint_is_told() -> None:
+    with pytest.raises(SealegsError, match="a load of 20 kg overcomes the joint"):
+        breakaway({"coulomb": 100.0, "stribeck": 700.0}, 20.0)
+
+
+def test_the_limit_of_bristles_falls_with_speed_and_changes_sides_with_its_sign() -> None:
+    rest = friction_at_rest()
+    limit = limit_by_speed(rest, np.array([0.0, 1e-5, 1e-2, -1e-2]))
+    assert limit[0] == pytest.approx(rest.coulomb + rest.stribeck) and 0.98 < limit[1] / limit[0] < 1.0
+    assert limit[2] == pytest.approx(rest.coulomb) == pytest.approx(-limit[3])
+
+
+def test_an_unknown_friction_is_named() -> None:
+    with pytest.raises(SealegsError, match="no joint friction 'lugre'"):
+        Machine("lugre")
+
+
+def _evaluate(*arguments: str) -> Done:
+    return typed("evaluate", "paper=hexapod", *arguments)
+
+
+@pytest.mark.long
+def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: Path) -> None:
+    out = tmp_path / "comparison"
+    first = _evaluate(f"out={out}", "seconds=1")
+    assert first.returncode == 0, first.stderr
+    written = json.loads((out / "hexapod.json").read_text())
+    assert len(written["rows"]) == 14
+    missed = [row["name"] for row in written["rows"] if not row["holds"]]
+    assert missed == ["slight current as the load on leg 0 grows"]
+    for name in ("height", "friction", "limit", "vertical", "horizontal", "resistance"):
+        assert (out / f"{name}.png").stat().st_size > 10_000
+    again = _evaluate(f"out={out}", "seconds=1")
+    assert again.returncode == 2
+    assert "holds a comparison already" in again.stderr
+
+
+def test_a_run_too_short_to_sink_is_refused(tmp_path: Path) -> None:
+    done = _evaluate(f"out={tmp_path}", "seconds=0.1")
+    assert done.returncode == 2
+    assert "at least 1 is needed" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
