@@ -98,7 +98,7 @@ class BatchVectorEnv(TaskShell, gym.vector.VectorEnv):
         return self.engine.drivetrain.model
 
     def data(self, simulation: int = 0) -> mujoco.MjData:
-        """State of one simulation at this moment, as :attr:`sealegs.envs.engine.single.SingleEnv.data` has it: a copy."""
+        """A copy of one simulation's state, as :attr:`sealegs.envs.engine.single.SingleEnv.data` has it."""
         return self.engine.look(simulation, mujoco.MjData(self.model))
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -34,7 +34,7 @@ class Direction:
     """One number of a robot that all its joints may feel.
 
     Attributes:
-        parameter: the number: ``body.<name>.mass_factor`` or the like, as :mod:`sealegs.envs.described.robot_numbers` has it.
+        parameter: the number: ``body.<name>.mass_factor`` or the like, of :mod:`sealegs.envs.described.robot_numbers`.
         neutral: its value where the model is right.
         change: model before and after, and by how much the number differs between them.
         parts: names of what it changes: a body, the base, or joints.

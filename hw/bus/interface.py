@@ -33,10 +33,11 @@ class Adapter(Protocol):
 
 
 class Bus(Protocol):
-    """Servos by their ids, in SI units; one bus, or several as one. Failures are :class:`~sealegs.hw.bus.packets.BusError`.
+    """Servos by their ids, in SI units; one bus, or several as one.
 
-    A protocol is a :class:`~sealegs.hw.bus.dialects.Dialect` (how packets are framed) and a table of registers (what they
-    mean); :class:`~sealegs.hw.bus.servo_bus.ServoBus` puts both together, :class:`~sealegs.hw.bus.buses.BusGroup` several of them.
+    Failures are :class:`~sealegs.hw.bus.packets.BusError`. A protocol is a :class:`~sealegs.hw.bus.dialects.Dialect`
+    (how packets are framed) and a table of registers (what they mean); :class:`~sealegs.hw.bus.servo_bus.ServoBus` puts
+    both together, :class:`~sealegs.hw.bus.buses.BusGroup` several of them.
 
     Attributes:
         port: path, or paths.

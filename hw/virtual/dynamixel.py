@@ -234,7 +234,7 @@ class DynamixelServo(Firmware):
             self.boot(now)
 
     def status(self, now: float) -> int:
-        """Its faults as bits of :class:`~sealegs.hw.bus.packets.Status`; each stays until a restart (assumed of all)."""
+        """Its faults as bits of :class:`~sealegs.hw.bus.packets.Status`; each stays until a restart (assumed)."""
         del now
         bits = self.get("hardware_error_status")
         if self.outside(self.sensors.voltage):

@@ -230,7 +230,7 @@ class Machine:
         return float(self._states[joint][S_TORQUE])
 
     def base(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Quantities of :mod:`sealegs.envs.engine.base` and their rates, true; a free joint's turn rates are left at 0."""
+        """True quantities of :mod:`sealegs.envs.engine.base` and their rates; a free joint's turn rates are 0."""
         return self.layout.values_of(self.model, self.data.qpos), self.layout.rates_of(self.model, self.data.qvel)
 
     def duty(self, joint: int) -> float:

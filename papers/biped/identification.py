@@ -8,8 +8,8 @@ No stage differentiates a position twice, and each takes what the stages before 
 3. :func:`fit_leg`: one coordinate with the legs on, the others locked: friction and bias by simulation error, (19);
    then both at once (``legs_together.py``), which validates them, (20).
 4. :func:`fit_spring`: static, balancing on one leg: spring stiffness, (24).
-5. :func:`sealegs.papers.biped.cable_fit.fit_cable`: under heavy load, as in hopping: stiffness and damping of the cable,
-   (25) to (27).
+5. :func:`sealegs.papers.biped.cable_fit.fit_cable`: under heavy load, as in hopping: stiffness and damping of the
+   cable, (25) to (27).
 
 Any machine of motors, pulleys and cables can be taken through them; a :class:`Record` is all that a log must hold.
 """

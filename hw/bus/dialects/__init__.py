@@ -1,7 +1,7 @@
 """How packets are framed on the line: the part of a servo's protocol that its manufacturer's SDK knows.
 
-All else is the same for every protocol: what a reply is worth (:mod:`sealegs.hw.bus.transactions`), and which register is
-for what (:mod:`sealegs.hw.bus.registers`).
+All else is the same for every protocol: what a reply is worth (:mod:`sealegs.hw.bus.transactions`), and which register
+is for what (:mod:`sealegs.hw.bus.registers`).
 """
 
 from __future__ import annotations
