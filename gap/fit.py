@@ -80,7 +80,8 @@ def fit(
     whether these are the ones that are wrong.
 
     Args:
-        log, sidecar: as :func:`sealegs.diagnose` takes them.
+        log: a file or a folder of them, or columns in memory, as :func:`sealegs.diagnose` takes them.
+        sidecar: for columns in memory, the content of the YAML beside a log.
         parameters: names as in ``diagnosis.json``, such as ``friction.coulomb``, ``delay.seconds`` or
             ``load.payload``; or by name the least and the largest value. Without bounds (None), a number that the model
             has is tried up to fivefold either way, and one that it lacks as the catalogue of causes tries it.
