@@ -7,6 +7,7 @@ operators run, no file beside it is read, and its size, its memory and the time 
 from __future__ import annotations
 
 import functools
+import os
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -55,8 +56,8 @@ class Policy:
                 not those of its contract.
             SealegsError: its task is code that nobody named.
         """
-        self.path = Path(path) / FILE if Path(path).is_dir() else Path(path)
-        if not self.path.is_file():
+        self.path = Path(path) / FILE if os.path.isdir(path) else Path(path)
+        if not os.path.isfile(self.path):
             beside = ""
             if any((self.path.parent / name).is_file() for name in ("policy.safetensors", "model.zip")):
                 beside = f"; make it with: sealegs export {self.path.parent}"
@@ -64,7 +65,10 @@ class Policy:
                 beside = f"; a run's policies are in its folders: {final}, or best beside it"
             raise ContractError(f"there is no policy {self.path}{beside}.")
         self._session = _session(self.path)
-        metadata = self._session.get_modelmeta().custom_metadata_map
+        try:
+            metadata = self._session.get_modelmeta().custom_metadata_map
+        except UnicodeDecodeError:
+            raise ContractError(f"{self.path} holds metadata that is no text: it is damaged; {AGAIN}.") from None
         if KEY not in metadata:
             raise ContractError(
                 f"{self.path} has no contract, so nothing says which robot it is for; export it with sealegs export."

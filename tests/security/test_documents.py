@@ -31,7 +31,7 @@ from sealegs.gap.log.importers.formats import read_recordings
 from sealegs.gap.log.types import LogError
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGE = ("actuators", "agents", "common", "configs", "envs", "gap", "hw", "library")
+PACKAGE = ("actuators", "agents", "commands", "common", "configs", "envs", "evaluation", "gap", "hw")
 ALLOWED = {
     "common/documents.py": "the reader itself",
     "gap/output/mjcf.py": "what MuJoCo wrote",

@@ -166,8 +166,14 @@ def named_by_unit(name: str) -> bool:
     return bool(NAMED_BY_UNIT & set(re.findall("[a-z]+", plain.lower())))
 
 
+LONGEST = 60
+"""Letters of what may be a unit: the time of its patterns grows with the square of them."""
+
+
 def unit_of(text: str) -> str:
     """The unit that a text is, in brackets or without; empty where it is none that is understood whole."""
+    if len(text) > LONGEST:
+        return ""
     plain = " ".join(text.strip().strip("[]()").translate(INSTEAD).lower().split())
     return _unit(plain)
 
