@@ -163,22 +163,17 @@ class PolicyCommands:
             seen = observer.see(reading)
             self.history.append(seen)
             self._observation = seen.observation
-        for goal in self._calls(due, acts, time):
-            begun, observer.state[0] = self._now(), goal
+        needed = acts if acts > self._last else due
+        until = self._now() + MAKING_UP * (time - self._asked_at)
+        for goal in range(self._last + 1 if self._remembers else max(needed, self._last + 1), due + 1):
+            begun = self._now()  # how long a call takes is known when it has ended: the next one may take longer
+            if goal != needed and (not self._remembers or begun + self._took > until):
+                continue
+            observer.state[0] = goal
             _, goals, state = self._policy.act(self._observation[None], observer.command[None], observer.state[None])
             self._goal, observer.state = goals[0], state[0]
             self._last, self._took, self._asked_at = goal, self._now() - begun, time
         return self._goal
-
-    def _calls(self, due: int, acts: int, time: float) -> range:
-        """The goals to ask for: the one that is due, before it those to make up for, and none that an action skips."""
-        if due <= self._last:
-            return range(0)
-        missed = due - self._last - 1 if self._remembers else 0
-        spare = MAKING_UP * (time - self._asked_at)
-        made_up = missed if missed * self._took <= spare else int(spare / self._took)
-        first = due - made_up if acts <= self._last else min(due - made_up, acts)
-        return range(first, min(first + made_up, due) + 1)
 
 
 class Trajectory:

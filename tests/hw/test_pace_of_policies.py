@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -182,6 +183,26 @@ def test_a_generator_stands_still_in_missed_periods_that_it_has_no_time_for(gait
     cycles = asked(gait, 0.0025, [0.0, 0.004, 0.008, 0.012])
     assert [len(calls) for calls in cycles] == [1] * 4, "or it would miss more and more"
     assert cycles == [[0], [2], [4], [5]], "the goal that an action belongs to is never left out"
+
+
+def test_a_generator_whose_calls_take_now_long_and_now_short_misses_no_more_and_more(gait: Gait) -> None:
+    """A busy computer: what the last call took says little of the next, and cycles of 30 ms became 466 ms long."""
+    commands, longest, act, due = gait.commands(), 0.004, gait.act, 0
+
+    def uneven(*given: np.ndarray) -> Any:
+        gait.seconds = longest if gait.asked[-1:] != [due - 1] else 0.0001  # short as the cycle ends, long within it
+        return act(*given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gait, "act", uneven)
+        begin, spans = 0.0, [0.03]
+        for _ in range(12):
+            begin, due = begin + spans[-1], round((begin + spans[-1]) * 500.0)
+            before = gait.time
+            commands.goals(begin, gait.reading)
+            spans.append(max(0.002, gait.time - before))
+    for span, following in itertools.pairwise(spans):
+        assert following <= 0.5 * span + 2 * longest
 
 
 def test_a_goal_is_asked_for_once_however_often_a_cycle_comes(gait: Gait) -> None:
