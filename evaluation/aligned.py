@@ -28,7 +28,12 @@ LOOPS = 5  # Newton steps that close a mechanism's loops
 
 
 class Aligned:
-    """A model that is put into measured states."""
+    """A model that is put into measured states.
+
+    Attributes:
+        rounding: mean square of the error that the encoders' steps alone make (k + b,): a joint at rest within a step
+            may show none of it for long, and then all.
+    """
 
     def __init__(self, robot: ServoRobot) -> None:
         """Build the machine that ``robot`` is believed to be."""
@@ -36,6 +41,8 @@ class Aligned:
         own = robot.resolution[: len(robot.joints)]
         links = [sizes.get(f"{name}.link", size) for name, size in zip(robot.names, own, strict=True)]
         self._steps = {"position": own, "link": np.array(links), "base": np.array([sizes[n] for n in robot.base_names])}
+        steps = np.concatenate([self._steps["position"], self._steps["base"]])
+        self.rounding = steps**2 / 6.0  # a twelfth each for the start and for what is compared
         sensors = {sensor.name: 1.0 for sensor in robot.sensors if not sensor.name.endswith(".link")}
         self._robot = robot
         self._machine = Machine(robot.robot, dict(robot.chains), None, robot.params, sensors)

@@ -118,7 +118,8 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
             for signal, at in find_departures(machine, predicted, robot).items()
             if signal not in unpredictable
         }
-        gap = gap_of(squares(machine, predicted), squares(rehearsed, foreseen), robot)
+        accounted = np.maximum(squares(rehearsed, foreseen), aligned.rounding)
+        gap = gap_of(squares(machine, predicted), accounted, robot)
         departures = departures if gap["gap"] is not None else {}
         first = min(departures, key=lambda signal: departures[signal], default=None)
         figures[name] = measure(
