@@ -105,7 +105,10 @@ class Contract:
         Raises:
             SealegsError: as :func:`task_of`.
         """
-        return task_of({**self.env, "robot": robot} if "robot" in self.env else self.env)
+        try:
+            return task_of({**self.env, "robot": robot} if "robot" in self.env else self.env)
+        except SealegsError as error:
+            raise ContractError(f"the environment in the policy's contract: {error}") from None
 
     def to_json(self) -> str:
         """The contract as text."""
@@ -145,6 +148,10 @@ class Contract:
                 raise ValueError(f"{name} has {len(getattr(self, name))} entries for {len(self.joints)} joints")
         if not isinstance(self.env.get("id"), str):
             raise ValueError("env has no id")
+        if self.delay * self.goal_rate >= 1.0:  # as in training; the loop waits for so long within a cycle
+            raise ValueError(
+                f"delay is {self.delay:g} s, and must be less than the {1.0 / self.goal_rate:g} s of a goal"
+            )
         for key, value in checked("env.params", self.env.get("params") or {}, dict[str, float]).items():
             checked(f"env.params.{key}", value, float)
         for joint, stages in self.chains.items():

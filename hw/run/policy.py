@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,6 +27,7 @@ MEMORY = 256 << 20  # [byte] that policies of a process may compute in
 TRIAL = 5.0  # [s] after which a first call is broken off
 AGAIN = "export the policy again"
 GRAPH, FUNCTIONS, BYTES = 7, 25, 2  # fields of a model in protobuf, and how a field of a length is marked
+MARK = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ")  # before what onnxruntime says is wrong
 TYPES = {"tensor(float)": "float32", "tensor(double)": "float64"}
 INPUTS = {"observation": "float32", "command": "float64", "state": "float64"}
 OUTPUTS = ("action", "goal", "next_state")
@@ -182,7 +184,7 @@ def _told(shape: list[int | str | None]) -> str:
 def _reason(error: Exception) -> str:
     """The first line of an error of onnxruntime, without its marks."""
     line = str(error).strip().partition("\n")[0]
-    return line.rpartition("Status Message: ")[2].removesuffix(".") + "."
+    return MARK.sub("", line.rpartition("Status Message: ")[2]).removesuffix(".") + "."
 
 
 def _session(path: Path) -> onnxruntime.InferenceSession:

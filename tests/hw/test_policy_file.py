@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -171,6 +172,31 @@ def test_deploy_dry_or_not_and_evaluate_refuse_it_before_they_open_anything(good
     for script, does in (("deploy", prepare), ("evaluate", lambda settings: compare(settings, tmp_path))):
         with pytest.raises(ContractError, match=r"gave 'goal' as \(1, 2\)"):
             does(compose(script, {"policy": str(path)}))
+
+
+def said(**values: Any) -> Change:
+    """Another contract."""
+
+    def change(model: onnx.ModelProto) -> None:
+        (entry,) = (entry for entry in model.metadata_props if entry.key == KEY)
+        entry.value = json.dumps({**json.loads(entry.value), **values})
+
+    return change
+
+
+def test_a_delay_that_no_cycle_has_room_for_is_refused_as_the_file_is_loaded(good: Path, tmp_path: Path) -> None:
+    """The dry run said nothing, and half a second after torque came on the supervisor ended a loop that slept."""
+    with pytest.raises(ContractError, match=r"delay is 1e\+09 s, and must be less than the 0\.02 s of a goal"):
+        Policy(changed(good, tmp_path, said(delay=1e9)))
+    assert Policy(changed(good, tmp_path, said(delay=0.019))).contract.delay == 0.019
+
+
+def test_an_argument_that_the_environment_does_not_have_is_told_as_the_contracts(good: Path, tmp_path: Path) -> None:
+    env = {**Policy(good).contract.env, "nothing": 1}
+    policy = Policy(changed(good, tmp_path, said(env=env)))
+    robot = build_robot(compose("deploy", {})["robot"])
+    with pytest.raises(ContractError, match=r"the policy's contract: there is no argument 'nothing'"):
+        policy.contract.task_on(robot.robot)
 
 
 def not_finite(output: str) -> Change:
