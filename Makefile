@@ -20,7 +20,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm sensitivity docs format fuzz clean
+.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm sensitivity fuzz docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

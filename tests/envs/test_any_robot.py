@@ -118,7 +118,7 @@ def test_a_training_takes_the_robot_by_one_word_and_the_task_from_a_file() -> No
         (["env=trak"], r"env=trak is not known \(did you mean 'track'\?\)"),
         (["robot=arm.yml"], "there is no robot file .*arm.yml"),
         (["robot=benhc"], r"there is no robot 'benhc' \(did you mean 'bench'\?\)"),
-        (["robot=bench", "env=hopper"], "robot is not an argument of SeaLegs/Hopper-v0"),
+        (["robot=bench", "env=hopper"], "SeaLegs/Hopper-v0 has a robot of its own and takes no robot=bench"),
     ],
 )
 def test_what_is_wrong_is_told_in_a_sentence(arguments: list[str], sentence: str) -> None:

@@ -74,7 +74,7 @@ def test_a_stepped_run_on_a_machine_that_stalls_is_the_same_and_nobody_guards_si
         passed[0] += 5.0  # whoever asks the host for the time is told that seconds have passed
         return passed[0]
 
-    for module in ("clock", "port", "supervisor", "loop"):
+    for module in ("bus.clock", "bus.port", "guard.supervisor", "run.loop"):
         clock = SimpleNamespace(monotonic=stalled, sleep=lambda _: None, process_time=lambda: 0.0)
         monkeypatch.setattr(f"sealegs.hw.{module}.time", clock)
     monkeypatch.setattr(deployment, "Supervisor", lambda _: pytest.fail("a supervisor counts real time"))

@@ -23,7 +23,7 @@ ENVIRONMENTS = """
 import multiprocessing, pickle, sys, warnings
 import gymnasium, numpy as np, sealegs
 from gymnasium.utils.env_checker import check_env as check_gymnasium
-from sealegs.envs.sb3 import BatchVecEnv
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
@@ -88,7 +88,7 @@ def test_the_wheel_holds_one_package_with_all_that_it_reads(wheel: Path) -> None
     files = zipfile.ZipFile(wheel).namelist()
     assert recorded(files) == {"sealegs"}
     assert {name for name in files if ".dist-info/" not in name} == shipped()
-    assert {"sealegs/py.typed", "sealegs/configs/train.yaml", "sealegs/hw/registers/sts3215.yaml"} <= set(files)
+    assert {"sealegs/py.typed", "sealegs/configs/train.yaml", "sealegs/hw/bus/registers/sts3215.yaml"} <= set(files)
 
 
 @pytest.mark.long
@@ -225,7 +225,7 @@ with VirtualBus(robot="bench") as virtual:
 
 CALIBRATED = """
 import builtins, sys
-import sealegs.hw.bus
+import sealegs.hw.bus.servo_bus
 from sealegs.commands.cli import main
 from sealegs.hw.virtual import VirtualBus
 

@@ -16,7 +16,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name != "setup.py")
+NO_SCRIPTS = ("setup.py", "__init__.py", "__main__.py")
+SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name not in NO_SCRIPTS)
 
 
 def constraints() -> dict[str, str]:

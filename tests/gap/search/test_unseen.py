@@ -171,7 +171,7 @@ def test_a_bug_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyError("elbow")
 
     monkeypatch.setattr(Searcher, "run", fails)
-    with pytest.raises(Unforeseen, match=r"KeyError \('elbow'\) in tests/test_unseen\.py line") as bug:
+    with pytest.raises(Unforeseen, match=r"KeyError \('elbow'\) in tests/gap/search/test_unseen\.py line") as bug:
         diagnose(bench(1.6, 1, 3, "all"), causes=("load.mass",))
     assert bug.value.found == []
 
