@@ -1,4 +1,4 @@
-"""Schedules of faults drawn at random."""
+"""Schedules of faults drawn at random, and how long the calls of a policy take."""
 
 from __future__ import annotations
 
@@ -27,5 +27,17 @@ def schedule(random: np.random.Generator, servos: list[int]) -> list[dict[str, A
             fault["value"] = float(random.uniform(1.0, 7.0))
         if fault["kind"] == "restart":
             fault["value"] = float(random.uniform(0.0, 1.0))
+        if fault["kind"] == "unplug" and "seconds" in fault and random.random() < 0.5:
+            fault["name"] = f"/dev/again{len(faults)}"
         faults.append(fault)
     return faults
+
+
+def pace(random: np.random.Generator, period: float) -> dict[str, Any]:
+    """Time that each call of a policy takes [s]: mostly none, else more than a period, or long and once."""
+    drawn = random.random()
+    if drawn < 0.25:
+        return {"seconds": float(random.uniform(1.0, 2.0)) * period}
+    if drawn < 0.45:
+        return {"blocks": (int(random.integers(1, 150)), float(random.uniform(0.05, 1.5)))}
+    return {}

@@ -9,23 +9,27 @@ from typing import Any
 import numpy as np
 from sealegs.envs.engine.robot import Robot
 from sealegs.envs.robots import get_robot
-from sealegs.hw.bus.packets import BusError
+from sealegs.hw.bus.adapters import UsbAdapter, Whereabouts
+from sealegs.hw.bus.buses import BusGroup
+from sealegs.hw.bus.packets import PortError
 from sealegs.hw.bus.registers import load_model, ready_at
 from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.guard.emergency import REASON as PRESSED
 from sealegs.hw.guard.emergency import release
 from sealegs.hw.guard.safety import Limits, Safety
 from sealegs.hw.guard.stop import Stop
-from sealegs.hw.guard.supervisor import Rest, Supervisor, bring_to_rest
+from sealegs.hw.guard.supervisor import Line, Opening, Rest, Supervisor
+from sealegs.hw.guard.take_over import Aftermath, bring_all_to_rest
 from sealegs.hw.machine.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.run.commands import Commands, Trajectory
 from sealegs.hw.run.connection import bus_watchdog
 from sealegs.hw.run.loop import ControlLoop, Outcome
 from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar
+from sealegs.hw.run.policy import Policy, PolicyError
 from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
-from sealegs.hw.virtual.simulated_port import SimulatedPort
+from sealegs.hw.virtual.simulated_port import SimulatedClock, SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
 from benchmarks.bus import servo_row
@@ -105,20 +109,19 @@ class Guard:
     def call(self, give_up: Callable[[], bool], left: Sequence[str]) -> bool:
         self.heard.append("call")
         self.left = list(left)
-        port = self._simulation.port.reopened()
-        end = port.now() + self.patience
-        while port.now() < end and not give_up():
-            try:
-                model = self._simulation.robot.servo.name
-                with ServoBus("simulated", model=model, timeout=port.reply_timeout, opened=port) as bus:
-                    if not bring_to_rest(bus, self._simulation.robot.ids, self.rest):
-                        self.heard.append("released" if self.rest == "release" else "brought to hold")
-                        return True
-            except BusError:
-                pass
-            port = port.reopened()
-            port.sleep(0.05)
-        return False
+
+        def waited(seconds: float) -> None:
+            if seconds > self.patience or give_up():
+                raise TimeoutError
+
+        simulation = self._simulation
+        after = Aftermath(simulation.note, simulation.say, simulation.port, lambda: False, lambda: 0, self.pid)
+        try:
+            bring_all_to_rest(simulation.lines(), self.rest, after, "it was called", waited, left or None)
+        except TimeoutError:
+            return False
+        self.heard.append("released" if self.rest == "release" else "brought to hold")
+        return True
 
 
 def as_supervisor(guard: Any) -> Supervisor:
@@ -126,11 +129,75 @@ def as_supervisor(guard: Any) -> Supervisor:
     return guard
 
 
+class TimedPolicy:
+    """A policy whose calls take time of a simulated clock, and may fail.
+
+    Attributes:
+        seconds: that each call takes [s].
+        blocks: number of the call that takes longer, and how long [s].
+        sleep: lets time of the clock pass.
+        asked: the clock in the state that each call got, in goals.
+    """
+
+    def __init__(self, policy: Policy, seconds: float = 0.0, blocks: tuple[int, float] = (0, 0.0)) -> None:
+        self.path, self.contract, self.seconds, self.blocks = policy.path, policy.contract, seconds, blocks
+        self.sleep: Callable[[float], None] = lambda _: None
+        self._policy, self.fails_after = policy, 10**9
+        self.asked: list[int] = []
+
+    def act(self, observation: np.ndarray, command: np.ndarray, state: np.ndarray) -> Any:
+        self.asked.append(round(state[0, 0]))
+        self.sleep(self.seconds + self.blocks[1] * (len(self.asked) == self.blocks[0]))
+        if len(self.asked) > self.fails_after:
+            raise PolicyError("the policy stub.onnx broke off: a bug.")
+        return self._policy.act(observation, command, state)
+
+
+class Adapters:
+    """The adapters of a simulation as its system lists them, and ports by the names that they have at the time.
+
+    One that is unplugged is not listed; where its fault has a name, it comes back under that, in the same socket.
+    """
+
+    def __init__(self, ports: Mapping[str, SimulatedPort], serials: bool) -> None:
+        self._ports, self._serials = ports, serials
+        self._unplugged = {
+            line: sorted((fault for fault in port.wire.faults if fault.kind == "unplug"), key=lambda fault: fault.at)
+            for line, port in ports.items()
+        }
+
+    def device(self, line: str) -> str | None:
+        """Path of a line's port; None: it is unplugged."""
+        name, now = f"/dev/simulated{line}", self._ports[line].now()
+        for fault in self._unplugged[line]:
+            if fault.active(now):
+                return None
+            name = fault.name or name if fault.over(now) else name
+        return name
+
+    def listed(self) -> list[UsbAdapter]:
+        """Those that are plugged in."""
+        found = [(line, device) for line in self._ports if (device := self.device(line)) is not None]
+        return [
+            UsbAdapter(device, "1:2:", f"A{line}" if self._serials else None, f"1-1{line}") for line, device in found
+        ]
+
+    def opened(self, path: str) -> SimulatedPort:
+        """A new port of the line whose adapter has this path now."""
+        for line, port in self._ports.items():
+            if self.device(line) == path:
+                return port.reopened()
+        raise PortError(f"there is no port {path}.")
+
+
 class Simulation:
     """A robot, its servos, and a loop that is ready to run.
 
     Attributes:
         said: alarms, as (time on the simulated clock [s], line).
+        wires, ports: by name of the bus; ``wire`` and ``port`` are the first.
+        homes: where each adapter was.
+        delays: by which its commands may keep a fault from being noticed [s].
     """
 
     def __init__(
@@ -147,29 +214,50 @@ class Simulation:
         limits: Mapping[str, Any] | None = None,
         hidden: str | None = None,
         pose: Mapping[str, float] | None = None,
+        serials: bool = True,
+        servos: int = 4,
         **keys: Any,
     ) -> None:
         row = robot == "row"
         settings = config(f"robot={'bench' if row else robot}", *arguments, patient=False)["robot"]
-        model = servo_row(4) if row else get_robot(robot)
+        model = servo_row(servos) if row else get_robot(robot)
         self.robot = row_of_servos(model) if row else build_robot(settings)
         sensors = {sensor.name: abs(sensor.per_radian) for sensor in self.robot.sensors}
         machine = Machine(model, settings["actuator"], hidden, settings["params"], sensors, pose)
-        placed: dict[str, dict[str, float]] = {
-            j.name: {"id": j.id, "zero": j.zero, "direction": j.direction, "per_radian": j.per_radian}
+        placed: dict[str, dict[str, Any]] = {
+            j.name: {
+                "id": j.id,
+                "zero": j.zero,
+                "direction": j.direction,
+                "per_radian": j.per_radian,
+                "bus": j.line.name,
+            }
             for j in self.robot.joints
         }
-        placed |= {s.name: {"id": s.id, "zero": s.zero} for s in self.robot.sensors}
+        placed |= {s.name: {"id": s.id, "zero": s.zero, "bus": s.line.name} for s in self.robot.sensors}
         servo = self.robot.servo
-        registers = {"": {**ready_at(servo, 1_000_000), **self.robot.registers}}
-        mounted = mounts(machine.encoders, placed, servo)
-        self.rig = Rig(machine, servo, mounted, "order" if pose else "torque", registers=registers)
-        self.wire = Wire(self.rig, [fault_from(row) for row in faults], seed)
-        self.port = SimulatedPort(self.wire, timeout, latency=latency)
-        self.bus = ServoBus("simulated", model=servo.name, opened=self.port, timeout=timeout)
-        self.bus.watchdog = bus_watchdog({"watchdog": 0.2}, 1.0 / rate)
+        models = {line.name: line.model(servo) for line in self.robot.lines}
+        others = {name: other for name, other in models.items() if name}
+        registers: dict[str, Mapping[str, int]] = {name: ready_at(other, 1_000_000) for name, other in others.items()}
+        registers[""] = {**ready_at(servo, 1_000_000), **self.robot.registers}
+        mounted = mounts(machine.encoders, placed, servo, others)
+        self.rig = Rig(machine, servo, mounted, "order" if pose else "torque", others=others, registers=registers)
+        self.wires = {name: Wire(self.rig, [fault_from(row) for row in faults], seed, name) for name in models}
+        clock = SimulatedClock(self.rig.time)
+        self.ports = {
+            name: SimulatedPort(wire, timeout, latency=latency, clock=clock) for name, wire in self.wires.items()
+        }
+        self.wire, self.port = self.wires[""], self.ports[""]
+        self.adapters = Adapters(self.ports, serials)
+        self.homes = {name: Whereabouts.of(f"/dev/simulated{name}", self.adapters.listed) for name in models}
+        watchdog = bus_watchdog({"watchdog": 0.2}, 1.0 / rate)
+        parts = {
+            name: ServoBus("simulated", model=models[name].name, opened=port, timeout=timeout, watchdog=watchdog)
+            for name, port in self.ports.items()
+        }
+        self.bus: Any = BusGroup(parts, parallel=False) if others else parts[""]
         self.said: list[tuple[float, str]] = []
-        self.stop = Stop()
+        self.stop, self.delays = Stop(), 0.0
         self.guard = Guard(self, keys.get("rest", "release"))
         self.log = None
         if folder is not None:
@@ -186,11 +274,28 @@ class Simulation:
             rate,
             log=self.log,
             begins=self._let_go,
-            **{"supervisor": self.guard, "stop": self.stop, "alarm": self._say, **keys},
+            **{"supervisor": self.guard, "stop": self.stop, "alarm": self.say, **keys},
         )
 
-    def _say(self, line: str) -> None:
+    def say(self, line: str) -> None:
+        """An alarm."""
         self.said.append((self.port.now(), line))
+
+    def note(self, kind: str, **details: object) -> None:
+        """An event of the supervisor's."""
+        if self.log is not None:
+            self.log.event(self.loop.elapsed, kind, **details)
+
+    def lines(self) -> list[Line]:
+        """The buses as a supervisor opens them."""
+        found = []
+        for line in self.robot.lines:
+            ids = [joint.id for joint in self.robot.joints if joint.line.name == line.name]
+            home, model = self.homes[line.name], line.model(self.robot.servo).name
+            timeout, adapters = self.port.reply_timeout, self.adapters
+            opening = Opening(home.path, 1_000_000, model, timeout, home, ids, adapters.listed, adapters.opened)
+            found.append(Line(line.name, opening, ids))
+        return [line for line in found if line.ids]
 
     def _let_go(self) -> None:
         self.rig.held = None
@@ -203,7 +308,7 @@ class Simulation:
                 self.log.close()
 
     def fault(self, kind: str, **values: Any) -> None:
-        """Plant a fault from now on."""
+        """Plant a fault on the first bus from now on."""
         self.wire.faults.append(fault_from({"kind": kind, **values}, self.port.now()))
 
     @property

@@ -128,7 +128,7 @@ class Opening:
         home: where its adapter was; None: ``port`` is all there is.
         ids: of its servos, by which an adapter without a serial number and in another socket is known.
         listed: lists the adapters that are plugged in.
-        opened: port that is open already, in stepped time; None: it is opened.
+        opened: gives a port of this process by its path, in stepped time; None: it is opened.
     """
 
     port: str
@@ -138,7 +138,7 @@ class Opening:
     home: Whereabouts | None = None
     ids: Sequence[int] = ()
     listed: Listing = plugged
-    opened: BusPort | None = None
+    opened: Callable[[str], BusPort] | None = None
 
     def __call__(self) -> ServoBus:
         """The bus, open.
@@ -164,7 +164,8 @@ class Opening:
         raise UnpluggedError(f"the adapter at {self.port} is gone; plug it in again{where}.")
 
     def _bus(self, path: str) -> ServoBus:
-        return ServoBus(path, self.baudrate, self.servo, self.timeout, opened=self.opened)
+        opened = None if self.opened is None else self.opened(path)
+        return ServoBus(path, self.baudrate, self.servo, self.timeout, opened=opened)
 
     def _with_our_servos(self, path: str) -> ServoBus | None:
         """The bus at a port that may be somebody else's: nothing is written there before all of ours have answered."""

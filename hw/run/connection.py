@@ -167,7 +167,7 @@ def openings(
     found = {}
     for line in robot.lines:
         port, rate, servo = ports[line.name], line.baudrate or hw["baudrate"], line.model(robot.servo).name
-        path, opened = (port, None) if isinstance(port, str) else (port.port_name, port)
+        path, opened = (port, None) if isinstance(port, str) else (port.port_name, lambda _, port=port: port)
         found[line.name] = Opening(path, rate, servo, hw["timeout"], opened=opened)
     return found
 

@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+import os
+import re
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
 import pytest
 from sealegs.envs.contract import start_pose
 from sealegs.gap.log import read_measured
+from sealegs.hw.bus.packets import BusError
 from sealegs.hw.guard.supervisor import Rest
-from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.machine.robot import ServoRobot, build_robot
 from sealegs.hw.run.commands import PolicyCommands, Reference, park_motion
+from sealegs.hw.run.deployment import Run, at_rest_sentence
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.faults import Fault
 
 from tests.committed_policies import committed
-from tests.random_faults import SPAN, schedule
+from tests.random_faults import SPAN, pace, schedule
 from tests.servo_runs import config, gentle_policy
-from tests.simulated_runs import Simulation, sine
+from tests.simulated_runs import Simulation, TimedPolicy, sine
 
-QUICK, QUICK_DYNAMIXEL, DAILY, ALL = 5, 2, 60, 200
+ANSWERS = 5  # in a row, by which a servo counts as reachable
+NAMED_LAST = re.compile(r"TORQUE MAY BE ON at servo\(s\) (.*?), which cannot be reached")
 
 
-@pytest.fixture(scope="module")
-def policy(tmp_path_factory: pytest.TempPathFactory) -> Policy:
-    return Policy(gentle_policy(tmp_path_factory.mktemp("policy") / "policy.onnx"))
+@cache
+def gentle() -> Policy:
+    return Policy(gentle_policy(Path(mkdtemp()) / "policy.onnx"))
 
 
 def end_of(random: np.random.Generator, simulation: Simulation) -> None:
@@ -54,52 +62,87 @@ DYNAMIXEL = {
 """Robots of each maker, with the arguments that make them his."""
 
 
-def run_of(seed: int, folder: Path, policy: Policy, makers: Mapping[str, tuple[str, ...]] = FEETECH) -> Simulation:
+def run_of(seed: int, folder: Path, makers: Mapping[str, tuple[str, ...]] = FEETECH) -> Simulation:
     random = np.random.default_rng(seed)
     robot = list(makers)[seed % len(makers)]
     servos = {"bench": [1], "hopper": [1, 2, 3, 4, 5, 6], "row": [1, 2, 3, 4]}[robot]
     if robot == "hopper" and makers is FEETECH:
         return run_of_committed("hopper", seed, folder)
+    timed = TimedPolicy(gentle(), **pace(np.random.default_rng([seed, 3]), 0.02)) if robot == "bench" else None
     commands = {
-        "bench": lambda robot: PolicyCommands(policy, robot),
+        "bench": lambda robot: commands_of(timed, robot),
         "hopper": Reference,
         "row": sine(0.4, 0.7),
     }[robot]
-    rest = rest_of(np.random.default_rng([seed, 1]))
     simulation = Simulation(
         robot,
         *makers[robot],
         commands=commands,
         rate=50.0 if robot == "bench" else 100.0,
         faults=schedule(random, servos),
-        seed=seed,
-        folder=folder,
         limits={"range_margin": 3.0} if robot == "hopper" else {},
-        rest=rest,
+        **drawn(seed, folder),
     )
-    simulation.guard.patience = 0.3
+    return readied(simulation, seed, timed)
+
+
+def drawn(seed: int, folder: Path) -> dict[str, Any]:
+    """What a seed decides in every run."""
+    serials = bool(np.random.default_rng([seed, 4]).random() < 0.5)
+    return {"seed": seed, "folder": folder, "rest": rest_of(np.random.default_rng([seed, 1])), "serials": serials}
+
+
+def readied(simulation: Simulation, seed: int, timed: TimedPolicy | None = None) -> Simulation:
+    returns = any(fault.name is not None for wire in simulation.wires.values() for fault in wire.faults)
+    simulation.guard.patience = 1.5 if returns else 0.3  # no adapter is away for longer
+    if timed is not None:
+        timed.sleep = simulation.port.sleep
+        simulation.delays = 10.0 * timed.seconds + timed.blocks[1]
     end_of(np.random.default_rng([seed, 2]), simulation)
     return simulation
+
+
+def commands_of(policy: Any, robot: ServoRobot) -> PolicyCommands:
+    return PolicyCommands(policy, robot)
+
+
+TWO = {
+    "feetech": ("robot.actuator=sts3215", "robot.buses={knee: {servo: sts3215, joints: [knee]}}"),
+    "dynamixel": ("robot.actuator=sts3215", "robot.buses={knee: {servo: xl330_m288, joints: [knee]}}"),
+}
+"""Makers of the second adapter of a hopper."""
+QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
+
+
+def run_of_two(seed: int, folder: Path) -> Simulation:
+    """A hopper whose hip and knee are on an adapter each."""
+    random = np.random.default_rng([seed, 2])
+    faults = [fault | {"bus": str(random.choice(["", "knee"]))} for fault in schedule(random, [1])]
+    arguments = list(TWO.values())[seed % len(TWO)]
+    made = Simulation("hopper", *arguments, commands=sine(0.1), faults=faults, limits=QUIET, **drawn(seed, folder))
+    return readied(made, seed)
 
 
 def run_of_committed(kind: str, seed: int, folder: Path, faults: list[dict[str, Any]] | None = None) -> Simulation:
     """A policy of ``policies/`` on its robot, with all its servos and sensors; faults of the seed, or those given."""
     policy = committed(kind)
     servos = len(build_robot(config(f"robot={kind}", patient=False)["robot"]).all_ids)
-    drawn = schedule(np.random.default_rng([seed, servos]), list(range(1, servos + 1)))
+    random, period = np.random.default_rng([seed, servos]), 1.0 / policy.contract.goal_rate
+    timed = TimedPolicy(policy, **(pace(np.random.default_rng([seed, 3]), period) if faults is None else {}))
+    keys = drawn(seed, folder)
+    if faults is not None:
+        keys["rest"] = "release"
     simulation = Simulation(
         kind,
-        commands=lambda robot: PolicyCommands(policy, robot),
+        commands=lambda robot: commands_of(timed, robot),
         rate=policy.contract.goal_rate,
-        faults=drawn if faults is None else faults,
-        seed=seed,
-        folder=folder,
+        faults=schedule(random, list(range(1, servos + 1))) if faults is None else faults,
         pose=start_pose(policy.contract),
-        rest="release" if faults is not None else rest_of(np.random.default_rng([seed, 1])),
+        **keys,
     )
-    simulation.guard.patience = 0.3
     if faults is None:
-        end_of(np.random.default_rng([seed, 2]), simulation)
+        return readied(simulation, seed, timed)
+    simulation.guard.patience = 0.3
     return simulation
 
 
@@ -110,25 +153,42 @@ NAMED = 0.3  # [s] within which they end a run: 0.1 s, and cycles whose replies 
 
 def certain(simulation: Simulation, since: float) -> list[Fault]:
     """Faults from ``since`` on [s] that certainly show."""
-    joints = {joint.id for joint in simulation.robot.joints}
 
-    def shows(fault: Fault) -> bool:
+    def shows(fault: Fault, bus: str) -> bool:
+        joints = {joint.id for joint in simulation.robot.joints if joint.line.name == bus}
         lasts = fault.seconds is None or fault.kind == "limp"
         of_a_joint = not fault.servos or bool(joints & set(fault.servos))
         return fault.kind in SURE and lasts and fault.probability == 1.0 and of_a_joint and fault.at > since
 
-    return [fault for fault in simulation.wire.faults if shows(fault)]
+    return [fault for bus, wire in simulation.wires.items() for fault in wire.faults if shows(fault, bus)]
+
+
+def reachable(simulation: Simulation) -> set[str]:
+    """Servos of joints that answer whenever they are asked, as the host addresses them."""
+    found = set[str]()
+    for line in simulation.lines():
+        with contextlib.suppress(BusError), line.opening() as bus:
+            bus.line.retries = 0
+            for servo in line.ids:
+                with contextlib.suppress(BusError):
+                    for _ in range(ANSWERS):
+                        bus.ping(servo)
+                    found |= set(line.named([servo]))
+    return found
 
 
 def judge(simulation: Simulation) -> None:
     """Run to the end, and look at what it leaves."""
-    faults = [vars(fault) for fault in simulation.wire.faults]
+    faults = {name: [vars(fault) for fault in wire.faults] for name, wire in simulation.wires.items()}
     guard, pressed = simulation.guard, simulation.guard.pressed
     outcome = simulation.run(SPAN)
     simulation.port.sleep(0.01)
-    context = (faults, guard.dies, pressed, outcome, guard.heard, simulation.said)
+    assert simulation.log is not None
+    last = at_rest_sentence(Run(outcome, simulation.log.path), guard.rest)
+    context = (faults, guard.dies, pressed, outcome, guard.heard, simulation.said, last)
     assert outcome.ending in ("finished", "fault") or simulation.stop.emergency, context
-    left_on = {joint.id for joint, on in zip(simulation.robot.joints, simulation.torque, strict=True) if on}
+    torque = {str(joint.address): on for joint, on in zip(simulation.robot.joints, simulation.torque, strict=True)}
+    left_on = {servo for servo, on in torque.items() if on}
     said = " ".join(line for _, line in simulation.said)
     assert not outcome.not_at_rest or "TORQUE MAY BE ON" in said, context
     trying = not outcome.not_at_rest or guard.heard[-1] in ("call", "released", "brought to hold")
@@ -136,48 +196,92 @@ def judge(simulation: Simulation) -> None:
         assert guard.lives and not simulation.stop.emergency and "release only" not in guard.heard, context
         assert trying and (outcome.not_at_rest or guard.heard[-1] == "held"), context
     else:
-        assert left_on <= set(outcome.not_at_rest), context
+        listed = NAMED_LAST.search(last)
+        named = set(listed[1].split(", ")) if listed is not None else set[str]()
+        assert left_on <= named, ("torque is on, and nothing is said", context)
         assert trying or "nobody goes on trying" in said, context
-    assert simulation.log is not None and read_events(simulation.log.path)[-1]["event"] == "end", context
+        false = {servo for servo in named & reachable(simulation) if not torque[servo]}
+        assert not false, ("a false alarm at the last word", false, context)
+    assert read_events(simulation.log.path)[-1]["event"] == "end", context
     if simulation.log.rows > 1:
         assert len(read_measured(simulation.log.path).runs[0].time) == simulation.log.rows, context
-    torque = [time for time, _, on in simulation.rig.history if on]
-    for fault in certain(simulation, max(torque) if torque else 0.0):
-        assert guard.called_at is not None and guard.called_at < fault.at + NAMED, ("not named", fault, context)
-        alone = len(faults) == 1 and guard.dies is None and pressed is None
-        if alone and guard.called_at > fault.at:
+    switched = [time for time, _, on in simulation.rig.history if on]
+    for fault in certain(simulation, max(switched) if switched else 0.0):
+        within = NAMED + simulation.delays
+        assert guard.called_at is not None and guard.called_at < fault.at + within, ("not named", fault, context)
+        alone = sum(map(len, faults.values())) == 1 and guard.dies is None and pressed is None
+        if alone and guard.called_at > fault.at and not simulation.delays:
             assert outcome.fault is not None and outcome.fault.name == SURE[fault.kind], context
             assert not fault.servos or set(fault.servos) & set(outcome.fault.servos) or fault.kind == "unplug", context
 
 
-def seeds(quick: int) -> list[Any]:
-    daily = (pytest.param(seed, marks=pytest.mark.long) for seed in range(quick, DAILY))
-    weekly = (pytest.param(seed, marks=[pytest.mark.long, pytest.mark.weekly]) for seed in range(DAILY, ALL))
-    return [*range(quick), *daily, *weekly]
+RUNS: dict[str, Callable[[int, Path], Simulation]] = {
+    "feetech": run_of,
+    "dynamixel": lambda seed, folder: run_of(seed, folder, DYNAMIXEL),
+    "two": run_of_two,
+    "hopper": lambda seed, folder: run_of_committed("hopper", seed, folder),
+    "biped": lambda seed, folder: run_of_committed("biped", seed, folder),
+    "hexapod": lambda seed, folder: run_of_committed("hexapod", seed, folder),
+}
+"""Robots with what moves them: those of one adapter by maker, two adapters, and the committed policy of each walker."""
+QUICK = {"two": 2}
+DAILY = {"feetech": 60, "dynamixel": 60, "two": 60, "hopper": 12, "biped": 6, "hexapod": 4}
+WEEKLY = {"feetech": 200, "dynamixel": 200}
+MIXED = [*7 * ["feetech", "dynamixel", "two", "two"], "feetech", "biped", "hexapod"]
+"""Of seeds that are asked for, one after the other."""
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", seeds(QUICK))
-def test_no_run_ends_with_torque_on_and_nothing_said_and_every_log_reads_back(
-    seed: int, tmp_path: Path, policy: Policy
+def chosen() -> list[Any]:
+    """Kinds and seeds: those of the tests, or so many from a seed on as SEALEGS_SCHEDULES="<seed> <number>" says."""
+    if asked := os.environ.get("SEALEGS_SCHEDULES"):
+        first, number = map(int, asked.split())
+        return [(MIXED[seed % len(MIXED)], seed) for seed in range(first, first + number)]
+    rows: list[Any] = [(kind, seed) for kind, count in QUICK.items() for seed in range(count)]
+    for kind, count in DAILY.items():
+        rows += [pytest.param(kind, seed, marks=pytest.mark.long) for seed in range(QUICK.get(kind, 0), count)]
+    weekly = [pytest.mark.long, pytest.mark.weekly]
+    for kind, count in WEEKLY.items():
+        rows += [pytest.param(kind, seed, marks=weekly) for seed in range(DAILY[kind], count)]
+    return rows
+
+
+@pytest.mark.parametrize(("kind", "seed"), chosen())
+def test_no_run_ends_with_torque_on_unsaid_or_a_false_alarm(kind: str, seed: int, tmp_path: Path) -> None:
+    judge(RUNS[kind](seed, tmp_path))
+
+
+def bench(folder: Path, *faults: dict[str, Any], **keys: Any) -> Simulation:
+    made = Simulation(commands=sine(0.2), faults=faults, folder=folder, **keys)
+    made.guard.patience = 1.5
+    return made
+
+
+@pytest.mark.parametrize("serials", [True, False])
+def test_an_adapter_that_returns_under_another_name_is_released_there(serials: bool, tmp_path: Path) -> None:
+    away = {"kind": "unplug", "at": 2.0, "seconds": 0.5, "name": "/dev/again"}
+    simulation = bench(tmp_path, away, serials=serials)
+    judge(simulation)
+    assert simulation.guard.heard[-1] == "released" and simulation.torque == [False]
+    assert simulation.rig.history[-1][0] > 2.5 and [one.device for one in simulation.adapters.listed()] == [
+        "/dev/again"
+    ]
+
+
+@pytest.mark.parametrize("tries", [True, False])
+def test_a_servo_that_is_off_and_answers_is_a_finding_where_it_is_named_last(
+    tries: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    judge(run_of(seed, tmp_path, policy))
+    simulation = bench(tmp_path, {"kind": "restart", "at": 2.0, "value": 0.3})
 
+    def gives_up(*_: object) -> bool:
+        simulation.guard.heard.append("call")
+        simulation.port.sleep(0.5)
+        return False
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", seeds(QUICK_DYNAMIXEL))
-def test_nor_does_a_run_on_dynamixels(seed: int, tmp_path: Path, policy: Policy) -> None:
-    judge(run_of(seed, tmp_path, policy, DYNAMIXEL))
-
-
-COMMITTED = {"hopper": 12, "biped": 6, "hexapod": 4}
-"""Schedules over the committed policy of each robot."""
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("kind", "seed"), [(kind, seed) for kind, count in COMMITTED.items() for seed in range(count)])
-def test_nor_does_a_run_of_a_committed_policy(kind: str, seed: int, tmp_path: Path) -> None:
-    judge(run_of_committed(kind, seed, tmp_path))
+    if not tries:
+        monkeypatch.setattr(simulation.guard, "call", gives_up)
+    with contextlib.nullcontext() if tries else pytest.raises(AssertionError, match="a false alarm at the last word"):
+        judge(simulation)
 
 
 @pytest.mark.long

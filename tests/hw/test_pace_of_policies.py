@@ -20,34 +20,14 @@ from sealegs.hw.run.commands import PolicyCommands
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.outcome import Outcome
 from sealegs.hw.run.pace import not_kept
-from sealegs.hw.run.policy import Policy, PolicyError
+from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 
 from tests.servo_runs import gentle_policy
-from tests.simulated_runs import Simulation
+from tests.simulated_runs import Simulation, TimedPolicy
 
 PERIOD = 0.02
 LOOSE = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
-
-
-class Stub:
-    """A policy whose calls take time of a simulated clock, and may fail.
-
-    Attributes:
-        asked: the clock in the state that each call got, in goals.
-    """
-
-    def __init__(self, policy: Policy, seconds: float = 0.0) -> None:
-        self.path, self.contract, self.seconds = policy.path, policy.contract, seconds
-        self._policy, self.sleep, self.fails_after = policy, lambda _: None, 10**9
-        self.asked: list[int] = []
-
-    def act(self, observation: np.ndarray, command: np.ndarray, state: np.ndarray) -> Any:
-        self.sleep(self.seconds)
-        self.asked.append(round(state[0, 0]))
-        if len(self.asked) > self.fails_after:
-            raise PolicyError("the policy stub.onnx broke off: a bug.")
-        return self._policy.act(observation, command, state)
 
 
 def rig(stub: Any, **keys: Any) -> Simulation:
@@ -69,7 +49,7 @@ def events(simulation: Simulation, name: str) -> list[dict[str, Any]]:
 
 def test_a_policy_slower_than_its_period_makes_cycles_longer_and_no_longer(policy: Policy, tmp_path: Path) -> None:
     """Missed calls were made up for, which missed more: intervals of 30, 55, 81, 107 ... 387 ms."""
-    stub = Stub(policy, 0.025)
+    stub = TimedPolicy(policy, 0.025)
     simulation, begun = rig(stub, folder=tmp_path), list[float]()
     simulation.loop.each_cycle = lambda: begun.append(simulation.port.now())
     outcome = simulation.run(1.5)
@@ -87,7 +67,7 @@ def test_a_policy_slower_than_its_period_makes_cycles_longer_and_no_longer(polic
 
 
 def test_a_policy_that_cannot_keep_its_rate_gets_no_torque_where_that_ends_the_run(policy: Policy) -> None:
-    simulation = rig(Stub(policy, 0.025), overruns="stop")
+    simulation = rig(TimedPolicy(policy, 0.025), overruns="stop")
     outcome = simulation.run()
     assert outcome.fault is not None and outcome.fault.name == "slow" and "the policy takes" in outcome.fault.sentence
     assert not simulation.switched_on
@@ -95,13 +75,13 @@ def test_a_policy_that_cannot_keep_its_rate_gets_no_torque_where_that_ends_the_r
 
 @pytest.mark.parametrize("seconds", [0.0, 0.010])
 def test_a_policy_that_keeps_its_rate_is_not_told(policy: Policy, seconds: float, tmp_path: Path) -> None:
-    simulation = rig(Stub(policy, seconds), folder=tmp_path)
+    simulation = rig(TimedPolicy(policy, seconds), folder=tmp_path)
     assert simulation.run(0.5).timing.overruns == 0
     assert not events(simulation, "slow") and not events(simulation, "overruns")
 
 
 def test_a_policy_that_becomes_slow_ends_the_run_where_that_is_asked_for(policy: Policy) -> None:
-    stub = Stub(policy)
+    stub = TimedPolicy(policy)
     simulation = rig(stub, overruns="stop")
 
     def slower() -> None:
@@ -114,7 +94,7 @@ def test_a_policy_that_becomes_slow_ends_the_run_where_that_is_asked_for(policy:
 
 
 def test_a_policy_that_fails_in_mid_run_is_the_fault_and_the_servos_are_released(policy: Policy) -> None:
-    stub = Stub(policy)
+    stub = TimedPolicy(policy)
     simulation = rig(stub)
 
     def fails() -> None:

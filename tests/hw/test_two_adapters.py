@@ -29,7 +29,6 @@ from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.simulated_port import SimulatedClock, SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
-from tests.random_faults import SPAN, schedule
 from tests.servo_runs import PATIENT, config
 from tests.simulated_runs import sine
 
@@ -157,19 +156,6 @@ def test_a_fault_on_one_adapter_releases_the_servos_on_both(kind: str, bus: str)
     lost = kind in ("silence", "unplug")
     assert list(outcome.not_at_rest) == ([servo] if lost else [])
     assert any(f"TORQUE MAY BE ON at servo(s) {servo}" in line for line in both.said) == lost
-
-
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(2, 60))])
-def test_whatever_goes_wrong_on_either_adapter_no_torque_is_left_on_unsaid(seed: int) -> None:
-    random = np.random.default_rng([seed, 2])
-    faults = [fault | {"bus": str(random.choice(["", "knee"]))} for fault in schedule(random, [1])]
-    both = Both(faults)
-    outcome = both.run(SPAN)
-    both.bus.clock.sleep(0.01)
-    left_on = {joint.address for joint, on in zip(both.robot.joints, both.torque, strict=True) if on}
-    context = (faults, outcome, both.said)
-    assert outcome.ending in ("finished", "fault") and left_on <= set(outcome.not_at_rest), context
-    assert not outcome.not_at_rest or "TORQUE MAY BE ON" in " ".join(both.said), context
 
 
 def test_a_bus_that_is_wrong_is_refused_in_a_sentence() -> None:
