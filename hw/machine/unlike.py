@@ -31,14 +31,23 @@ def unlike_the_factory(registers: Mapping[str, Mapping[str, int]], servo: ServoM
     return found
 
 
-def unlike_the_file(registers: Mapping[str, Mapping[str, int]], robot: ServoRobot) -> list[str]:
-    """A sentence for each joint whose servo is not set up as the robot's file says; counts by joint and name."""
+def unlike_the_file(
+    registers: Mapping[str, Mapping[str, int]], robot: ServoRobot, ports: Mapping[str, str]
+) -> list[str]:
+    """A sentence for each joint whose servo is not set up as the robot's file says, and what to type.
+
+    Args:
+        registers: counts by joint and name.
+        robot: with what its file says.
+        ports: paths by name of the bus.
+    """
     found = []
     for joint in robot.joints:
         row = registers[joint.name]
         if other := [name for name, count in robot.registers.items() if row.get(name, count) != count]:
             counts = ", ".join(f"{name} {row[name]} ({robot.registers[name]})" for name in other)
-            mend = joint.line.model(robot.servo).setting(joint.id, {name: robot.registers[name] for name in other})
+            model, wanted = joint.line.model(robot.servo), {name: robot.registers[name] for name in other}
+            mend = model.setting(joint.id, wanted, ports[joint.line.name])
             found.append(
                 f"Joint {joint.name} is set up otherwise than the robot's file says: {counts}; {mend} mends it."
             )

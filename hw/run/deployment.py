@@ -219,7 +219,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
         for joint in robot.joints:
             for line in unlike_the_factory({joint.name: registers[joint.name]}, joint.line.model(robot.servo)):
                 say(line)
-        for line in unlike_the_file(registers, robot):
+        for line in unlike_the_file(registers, robot, opened.ports):
             say(line)
         log = stack.enter_context(contextlib.closing(_log(deployment, bus.port, registers)))
         for name, path in opened.ports.items():

@@ -22,7 +22,7 @@ from sealegs.gap.experiment.proposal import Experiment
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
 from sealegs.hw.machine.limits import Limits
 from sealegs.hw.machine.robot import build_robot
-from sealegs.hw.machine.unlike import unlike_the_factory
+from sealegs.hw.machine.unlike import unlike_the_factory, unlike_the_file
 from sealegs.hw.run import deployment
 from sealegs.hw.run.commands import read_excitation, read_replay
 from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
@@ -327,6 +327,17 @@ def test_servos_that_were_set_up_otherwise_are_named() -> None:
     assert unlike_the_factory({"hip": factory}, servo) == []
     (line,) = unlike_the_factory({"hip": factory, "knee": {**factory, "p_gain": 16}}, servo)
     assert "knee" in line and "p_gain 16 (32)" in line
+
+
+def test_the_command_that_sets_a_servo_as_the_robots_file_says_can_be_typed() -> None:
+    robot = build_robot(config("robot=hopper")["robot"])
+    rows = {joint.name: dict(robot.registers) for joint in robot.joints}
+    assert unlike_the_file(rows, robot, {"": "/dev/ttyUSB0"}) == []
+    rows["knee"]["overload_torque"] = 80
+    (line,) = unlike_the_file(rows, robot, {"": "/dev/ttyUSB0"})
+    assert (
+        "overload_torque 80 (100); sealegs scan port=/dev/ttyUSB0 servo=sts3215 id=2 set=overload_torque:100 " in line
+    )
 
 
 # --- the whole loop ------------------------------------------------------------------------------------------------
