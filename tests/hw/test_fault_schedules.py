@@ -30,6 +30,7 @@ from tests.servo_runs import config, gentle_policy
 from tests.simulated_runs import Simulation, TimedPolicy, sine
 
 ANSWERS = 5  # in a row, by which a servo counts as reachable
+PATIENCE = SPAN + 1.5  # [s] that the supervisor tries: past the end of every fault that ends
 NAMED_LAST = re.compile(r"TORQUE MAY BE ON at servo\(s\) (.*?), which cannot be reached")
 
 
@@ -93,8 +94,7 @@ def drawn(seed: int, folder: Path) -> dict[str, Any]:
 
 
 def readied(simulation: Simulation, seed: int, timed: TimedPolicy | None = None) -> Simulation:
-    returns = any(fault.name is not None for wire in simulation.wires.values() for fault in wire.faults)
-    simulation.guard.patience = 1.5 if returns else 0.3  # no adapter is away for longer
+    simulation.guard.patience = PATIENCE
     if timed is not None:
         timed.sleep = simulation.port.sleep
         simulation.delays = 10.0 * timed.seconds + timed.blocks[1]
