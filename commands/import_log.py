@@ -3,11 +3,12 @@
     sealegs import run.csv out=logs/arm                                 proposes a mapping, shows it and stops
     sealegs import run.csv out=logs/arm mapping=logs/arm.mapping.yaml   imports with it, edited or not
     sealegs import run.csv out=logs/arm yes=true                        imports with the proposal, less what is asked
+    sealegs import run.csv out=logs/arm dialect=mine.yaml               claims columns by rows of your own
     sealegs import run.csv out=logs/mine robot=bench actuator=sts3215 "robot_params={mass: 0.5, length: 0.12}"
                                                                         fills in what no file says
 
-Units in names, encoder steps and what follows what are looked at; each line of the proposal says its reason. What they
-do not tell is a question, never a guess.
+A column is claimed: by its format, by a row of a dialect, or by the words and the unit of its name; each line of the
+proposal says by whom. What nobody claims is a question, never a guess.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ..configs.compose import compose, split
 from ..gap.log.importers import Imported, Proposed, answered, import_logs, propose_for, read_mapping
 from ..gap.log.importers.mapping import FOLDER, ended
 
-PLAIN = ("source", "out", "mapping", "unit", "robot", "actuator", "format")
+PLAIN = ("source", "out", "mapping", "unit", "dialect", "robot", "actuator", "format")
 UNITS = ("rad", "deg", "turn", "ticks", "percent", "m", "mm")
 
 
@@ -43,8 +44,9 @@ def main(arguments: list[str]) -> None:
     if config["unit"] not in (None, *UNITS):
         raise SealegsError(f"unit={config['unit']} is none of {', '.join(UNITS)}.")
     if config["mapping"] is not None:
-        if config["unit"] is not None:
-            raise SealegsError(f"unit={config['unit']} is for a proposal; in a mapping the units stand in its columns.")
+        for key, what in (("unit", "the units stand in its columns"), ("dialect", "each column has its line")):
+            if config[key] is not None:
+                raise SealegsError(f"{key}={config[key]} is for a proposal; in a mapping {what}.")
         params = checked("robot_params", config["robot_params"], dict[str, float])
         said = read_mapping(str(config["mapping"]))
         mapping = answered(said, out, config["robot"], config["actuator"], params, source)
@@ -53,7 +55,8 @@ def main(arguments: list[str]) -> None:
     file = _free(out)
     command = shlex.join(["sealegs", "import", str(source), f"out={out}", f"mapping={file}"])
     params = checked("robot_params", config["robot_params"], dict[str, float])
-    proposed = propose_for(source, out, config["unit"], config["robot"], config["actuator"], command, params)
+    answers = config["unit"], config["robot"], config["actuator"]
+    proposed = propose_for(source, out, *answers, command, params, config["dialect"])
     print(proposed.text)
     if checked("yes", config["yes"], bool) or _confirmed(proposed):
         take(source, out, proposed, config)

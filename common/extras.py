@@ -9,19 +9,19 @@ from .errors import SealegsError
 
 EXTRAS = {
     "train": ("imageio", "imageio_ffmpeg", "onnx", "stable_baselines3", "tensorboard", "torch"),
-    "report": ("jinja2", "matplotlib", "pandas", "plotly"),
+    "report": ("jinja2", "matplotlib", "plotly"),
     "video": ("moviepy",),
     "hw": ("onnxruntime", "scservo_sdk", "serial"),
     "dynamixel": ("dynamixel_sdk",),
     "fleet": ("ray",),
-    "hdf5": ("h5py",),
+    "hdf5": ("h5py", "pymatreader"),
     "ros": ("rosbags",),
 }
 """Packages, as they are imported, by extra."""
 
 CORE = (
     *("annotated_types", "gymnasium", "hydra", "mujoco", "numba", "numpy"),
-    *("pyarrow", "pydantic", "rich", "scipy", "sklearn", "yaml"),
+    *("pandas", "pint", "pyarrow", "pydantic", "rich", "scipy", "sklearn", "yaml"),
 )
 """Packages that every installation brings: one that is missing tells of an installation older than the code."""
 

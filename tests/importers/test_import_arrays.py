@@ -1,20 +1,27 @@
-"""Tables as JSON, lines of JSON and named arrays, and columns of Parquet and MATLAB that are no vectors of numbers."""
+"""Files of arrays: JSON, NumPy, MATLAB of any version, HDF5 and tensors, by the names of their variables."""
 
 from __future__ import annotations
 
 import json
+import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
 from scipy.io import savemat
+from sealegs.common.extras import MissingPackage
 from sealegs.gap.log import LogError
 from sealegs.gap.log.importers import propose_for, read_recordings
+from sealegs.gap.log.importers.claims import claims_of
+from sealegs.gap.log.importers.dialects import dialects
 
-from tests.importers.test_import_units import ANGLE, LATE, RAD, TIME, table
+from tests.importers.importing import ANGLE, LATE, RAD, TIME, table
+from tests.importers.test_import import motion
 
 ROWS = [{"t": t, "arm": {"pos": p, "cmd": g}, "q": [p, g]} for t, g, p in zip(TIME, ANGLE, LATE, strict=True)]
 
@@ -178,3 +185,189 @@ def test_recordings_of_folders_in_a_folder_are_called_by_their_paths(tmp_path: P
     (tmp_path / "empty").mkdir()
     with pytest.raises(LogError, match=r"holds no recording .* nor do the folders in it"):
         read_recordings(tmp_path / "empty")
+
+
+SCALES = np.array([1.0, 0.5])
+
+
+def h5(path: Path, content: dict[str, Any], facts: dict[str, Any] | None = None) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, value in content.items():
+            file[name] = value
+        file.attrs.update(facts or {})
+    return path
+
+
+def matlab73(path: Path, content: dict[str, Any]) -> Path:
+    """A file as MATLAB writes it with ``-v7.3``: arrays turned, text as numbers, cells and structures as references."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        refs = file.create_group("#refs#")
+
+        def put(group: h5py.Group, name: str, value: Any) -> None:
+            if isinstance(value, dict):
+                own = group.create_group(name)
+                own.attrs["MATLAB_class"] = np.bytes_("struct")
+                for key, field in value.items():
+                    put(own, key, field)
+            elif isinstance(value, str):
+                group[name] = np.array([[ord(sign)] for sign in value], np.uint16)
+                group[name].attrs["MATLAB_class"] = np.bytes_("char")
+            elif isinstance(value, list) and isinstance(value[0], dict):  # an array of structures
+                own = group.create_group(name)
+                own.attrs["MATLAB_class"] = np.bytes_("struct")
+                for key in value[0]:
+                    own[key] = cells([one[key] for one in value])
+            elif isinstance(value, list):
+                group[name] = cells(value)
+                group[name].attrs["MATLAB_class"] = np.bytes_("cell")
+            else:
+                group[name] = np.atleast_2d(np.asarray(value, float).T)
+                group[name].attrs["MATLAB_class"] = np.bytes_("double")
+
+        def cells(values: list[Any]) -> np.ndarray:
+            names = [f"r{len(refs) + k}" for k in range(len(values))]
+            for name, value in zip(names, values, strict=True):
+                put(refs, name, value)
+            return np.array([[refs[name].ref] for name in names], h5py.ref_dtype)
+
+        for name, value in content.items():
+            put(file, name, value)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return path
+
+
+def test_an_episode_of_teleoperation_has_its_joints_by_number(tmp_path: Path) -> None:
+    content = {
+        "action": ANGLE[:, None] * SCALES,
+        "observations/qpos": LATE[:, None] * SCALES,
+        "observations/images/top": np.zeros((len(TIME), 4, 4, 3), np.uint8),
+    }
+    path = h5(tmp_path / "episode_0.hdf5", content, {"sim": False, "fps": 100})
+    text = propose_for(path, tmp_path / "out").text
+    assert "joint0.position: observations.qpos[0]" in text and "joint1.goal: action[1]" in text
+    assert "time: row/fps " in text and "observations.images.top" in text
+
+
+@pytest.mark.parametrize("lengths", [(1000, 1000), (1000, 700)])
+def test_numbered_groups_of_one_form_are_runs(tmp_path: Path, lengths: tuple[int, int]) -> None:
+    content: dict[str, Any] = {"mass": 0.5}
+    for k, n in zip((2, 10), lengths, strict=True):
+        content |= {f"data/demo_{k}/obs/joint_pos": LATE[:n], f"data/demo_{k}/actions": ANGLE[:n]}
+    runs = read_recordings(h5(tmp_path / "log.h5", content))
+    assert [(run.name, run.length) for run in runs] == [("log-demo_2", lengths[0]), ("log-demo_10", lengths[1])]
+    assert set(runs[0].columns) == {"obs.joint_pos", "actions"} and runs[1].facts == {"mass": 0.5}
+
+
+def test_numbered_groups_of_one_length_that_are_not_called_runs_are_joints(tmp_path: Path) -> None:
+    content = {f"motor_{k}/{name}": values for k in (1, 2) for name, values in (("pos", LATE), ("cmd", ANGLE))}
+    (run,) = read_recordings(h5(tmp_path / "log.h5", {"time": TIME, **content}))
+    assert set(run.columns) == {"time", "motor_1.pos", "motor_1.cmd", "motor_2.pos", "motor_2.cmd"}
+    assert "motor2.goal: motor_2.cmd" in propose_for(tmp_path / "log.h5", tmp_path / "out").text
+
+
+def test_matlab_files_of_version_7_3_are_read_as_those_before(tmp_path: Path) -> None:
+    lengths = (1000, 700)
+    runs = [{"t": TIME[:n], "q": (LATE[:n, None] * SCALES), "q_ref": (ANGLE[:n, None] * SCALES)} for n in lengths]
+    content = {"data": {"run": runs, "motor": "XL330"}, "joint_names": ["shoulder", "elbow"], "kp": 400.0}
+    read = read_recordings(matlab73(tmp_path / "log.mat", content))
+    assert [run.length for run in read] == [1000, 700]
+    assert set(read[0].columns) == {"t", "shoulder.q", "elbow.q", "shoulder.q_ref", "elbow.q_ref"}
+    np.testing.assert_allclose(read[1].columns["elbow.q"], 0.5 * LATE[:700])
+    assert read[0].facts == {"data.motor": "XL330", "kp": 400.0}
+
+
+def test_what_is_neither_numbers_nor_words_is_unused_and_words_of_either_kind_name_columns(tmp_path: Path) -> None:
+    """References, lists of changing length and empty data sets ended in a traceback."""
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["q"] = LATE[:, None] * SCALES
+        file["names"] = np.array([b"shoulder", b"elbow"])
+        file["refs"] = np.array([file["q"].ref], h5py.ref_dtype)
+        file.create_dataset("lists", (2,), h5py.vlen_dtype(np.float64))
+        file["nothing"] = h5py.Empty("f8")
+        file["no_words"] = h5py.Empty(h5py.string_dtype())
+    (run,) = read_recordings(tmp_path / "log.h5")
+    assert set(run.columns) == {"shoulder.q", "elbow.q"} and not run.facts
+    assert {"refs", "lists", "nothing", "no_words", "names"} <= set(run.left)
+
+
+@pytest.mark.parametrize("name", ["log.h5", "log.mat"])
+def test_a_damaged_file_gets_one_sentence(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + b"\0" * 600)
+    with pytest.raises(LogError, match=r"or a damaged one"):
+        read_recordings(tmp_path / name)
+
+
+def test_without_the_library_the_extra_and_the_other_way_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = matlab73(tmp_path / "log.mat", {"t": TIME, "pos": LATE})
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(MissingPackage, match=r"pip install 'sealegs\[hdf5\]', or save it in MATLAB"):
+        read_recordings(path)
+
+
+MADE = motion(5.0, 100.0)
+
+
+T, G, Q = (MADE[name].tolist() for name in ("time", "goal", "smooth"))
+
+
+def entries(per: float = 1.0) -> list[dict[str, float]]:
+    return [{"timestamp": t, "goal_position": per * g, "position": per * q} for t, g, q in zip(T, G, Q, strict=True)]
+
+
+def document(folder: Path, content: Any) -> Path:
+    path = folder / "run.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("own", [{"kp": 32}, {"motor": "sts3215"}, {"mass": 0.5, "length": 0.1}])
+def test_entries_with_a_load_a_gain_or_a_motor_are_of_bam(tmp_path: Path, own: dict[str, Any]) -> None:
+    (recording,) = read_recordings(document(tmp_path, {**own, "entries": entries()}))
+    assert recording.kind == "bam"
+    assert claims_of(recording, dialects())["goal_position"].joint == "servo"
+
+
+@pytest.mark.parametrize("key", ["entries", "samples"])
+@pytest.mark.parametrize("per", [57.3, 4.0])
+def test_any_other_list_of_rows_is_a_table_in_the_unit_that_the_file_says(tmp_path: Path, key: str, per: float) -> None:
+    """Its angles were taken for rad, which the format was to say."""
+    proposed = propose_for(document(tmp_path, {"robot": "arm", "unit": "deg", key: entries(per)}), tmp_path / "out")
+    assert proposed.recordings[0].kind == "table" and not proposed.mapping.questions
+    assert proposed.mapping.columns["joint.position"] == "position*pi/180"
+    assert proposed.mapping.columns["joint.goal"] == "goal_position*pi/180" and "the file says deg" in proposed.text
+
+
+def test_a_motor_beside_entries_in_another_unit_is_not_of_bam(tmp_path: Path) -> None:
+    content = {"motor": "mx28", "units": {"position": "deg", "goal_position": "deg"}, "entries": entries(10.0)}
+    proposed = propose_for(document(tmp_path, content), tmp_path / "out")
+    assert proposed.mapping.columns["joint.position"] == "position*pi/180" and not proposed.mapping.questions
+
+
+def test_entries_without_a_unit_are_asked_about_as_in_any_table(tmp_path: Path) -> None:
+    proposed = propose_for(document(tmp_path, {"entries": entries(57.3)}), tmp_path / "out")
+    assert any("joint.position" in one.about for one in proposed.mapping.questions)
+
+
+def test_a_unit_of_the_file_is_not_put_over_that_of_a_name(tmp_path: Path) -> None:
+    rows = [{"t": t, "goal_deg": g, "pos_deg": q} for t, g, q in zip(T, G, Q, strict=True)]
+    proposed = propose_for(document(tmp_path, {"unit": "rad", "log": rows}), tmp_path / "out")
+    assert proposed.mapping.columns["joint.position"] == "pos_deg*pi/180"
+
+
+def test_rows_beside_columns_of_their_length_stay_one_table(tmp_path: Path) -> None:
+    states = [{"q": q, "goal": g} for g, q in zip(G, Q, strict=True)]
+    (recording,) = read_recordings(document(tmp_path, {"time": T, "states": states}))
+    assert set(recording.columns) == {"time", "states.q", "states.goal"}
+
+
+def test_the_unit_of_the_file_holds_for_a_row_a_joint_too(tmp_path: Path) -> None:
+    rows = [
+        {"time": t, "joint": joint, "position": size * q, "goal": size * g}
+        for t, g, q in zip(T, G, Q, strict=True)
+        for joint, size in (("hip", 5.0), ("knee", 3.0))
+    ]
+    proposed = propose_for(document(tmp_path, {"unit": "deg", "rows": rows}), tmp_path / "out")
+    assert proposed.mapping.columns["knee.goal"].endswith("*pi/180") and not proposed.mapping.questions

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,10 @@ from sealegs.commands.cli import main
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.expression import evaluate, signed_reading
+from sealegs.gap.log.importers.lines import Line, velocity_line
 from sealegs.gap.log.importers.mapping import Mapping
-from sealegs.gap.log.importers.units import Read
-from sealegs.gap.log.importers.velocities import with_sign
+from sealegs.gap.log.importers.motion import Relation
+from sealegs.gap.log.importers.names import said
 
 from tests.importers.test_import import motion, table
 
@@ -237,8 +237,7 @@ def test_the_counts_tell_how_a_register_keeps_its_sign(bit: int, size: float) ->
 def test_the_question_for_a_speed_in_counts_says_how_its_sign_is_kept() -> None:
     signed = np.round(900.0 * np.sin(3.0 * M["time"]))
     magnitude = np.where(signed < 0.0, 2.0**15 - signed, signed)
-    asked = Read("Present_Speed", "rad/s", "ask", "no unit is said", "in which unit is this velocity?")
-    assert "With its sign it is sign_bit(Present_Speed, 15)" in with_sign(asked, "Present_Speed", magnitude).ask
-    assert with_sign(asked, "Present_Speed", signed) == asked
-    sure = replace(asked, trust="sure")
-    assert with_sign(sure, "Present_Speed", magnitude) == sure, "what is not asked is not explained"
+    position = Line("pos", "rad", "sure", "the name says rad")
+    asked = velocity_line(said("Present_Speed"), magnitude, Relation(), position)
+    assert "With its sign it is sign_bit(Present_Speed, 15)" in asked.ask
+    assert "sign_bit" not in velocity_line(said("Present_Speed"), signed, Relation(), position).ask

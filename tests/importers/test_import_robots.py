@@ -226,7 +226,7 @@ def test_commands_without_a_stamp_stand_where_the_bag_received_them(tmp_path: Pa
     assert not found.left
 
 
-def test_goals_of_a_list_without_names_go_to_the_joints_that_follow_them(tmp_path: Path) -> None:
+def test_goals_of_a_list_without_names_are_taken_in_order_where_motion_confirms_it(tmp_path: Path) -> None:
     """``Float64MultiArray`` has the order of the controller's file, joint states often that of the alphabet."""
     m, n = motion(6.0, 100.0, 0.05, seed=3), motion(6.0, 100.0, 0.05, seed=4)
     names = {
@@ -242,12 +242,10 @@ def test_goals_of_a_list_without_names_go_to_the_joints_that_follow_them(tmp_pat
     roles = {"stamp": "time", "s.elbow.position": "elbow.position", "s.wrist.position": "wrist.position"}
     units = {"stamp": "s", "s.elbow.position": "rad", "s.wrist.position": "rad"}
     found = propose([Recording("run", columns, tmp_path / "run", "ros", {}, roles, (), units)])
-    assert found.columns["elbow.goal"].text == "arm_controller.commands.data[1]"
-    assert found.columns["wrist.goal"].text == "arm_controller.commands.data[0]"
-    assert not found.questions and "the position follows it by" in found.columns["wrist.goal"].why
-    alike = {**columns, "arm_controller.commands.data[1]": n["goal"]}
-    doubtful = propose([Recording("run", alike, tmp_path / "run", "ros", {}, roles, (), units)])
-    assert "wrist.goal" not in doubtful.columns and any("commanded to wrist" in one.ask for one in doubtful.questions)
+    assert {"elbow.goal", "wrist.goal"} == set(found.questions[0].about) and "names no joints" in found.questions[0].ask
+    swapped = {"arm_controller.commands.data[0]": m["goal"], "arm_controller.commands.data[1]": n["goal"]}
+    in_order = propose([Recording("run", columns | swapped, tmp_path / "run", "ros", {}, roles, (), units)])
+    assert in_order.columns["elbow.goal"].text == "arm_controller.commands.data[0]" and not in_order.questions
 
 
 def test_stamps_are_the_clock_where_every_message_has_one(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tables as people have them: encodings, units below the names, stamps of all kinds, rows that were cut off."""
+"""Tables of any origin: clocks, text, cells and rows for each joint as they come."""
 
 from __future__ import annotations
 
@@ -17,8 +17,14 @@ from sealegs.gap.log.importers import Recording, import_logs, propose_for, read_
 from tests.importers.test_import import motion
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
+
 M = motion(5.0, 100.0)
+
+
 TIME, GOAL, POSITION = M["time"], np.degrees(M["goal"]), np.degrees(M["smooth"])
+
+
 CLEAN = {"time": "t", "joint.goal": "goal_deg*pi/180", "joint.position": "pos_deg*pi/180"}
 
 
@@ -63,8 +69,6 @@ def check(path: Path, time: str = "t") -> Path:
     return path
 
 
-# --- clocks ----------------------------------------------------------------------------------------------------------
-
 STAMPS = 1_714_560_000_000_000_000 + np.round(1e9 * TIME).astype(np.int64)
 
 
@@ -108,9 +112,6 @@ def test_times_of_day_and_dates_are_seconds(tmp_path: Path, start: str, form: st
         written(tmp_path, "Time;goal_deg;pos_deg\n" + rows(stamps, cells(GOAL), cells(POSITION), separator=";")),
         "Time_s",
     )
-
-
-# --- text ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-le"])
@@ -212,7 +213,7 @@ def test_every_column_that_is_not_used_is_listed_with_its_reason(tmp_path: Path)
     text = rows(cells(TIME), cells(GOAL), cells(POSITION), states, [""] * len(TIME))
     _, _, shown = texts_of(check(written(tmp_path, "t,goal_deg,pos_deg,mode,remark\n" + text)))
     assert "mode: 'it holds text, no numbers: ''RUN'', ''HOLD''" in shown and "remark: it is empty" in shown
-    with pytest.raises(LogError, match=r"has no column of numbers \('a': it holds text, no numbers: 'x'\)"):
+    with pytest.raises(LogError, match="has no column of numbers"):
         read_recordings(written(tmp_path, "a\nx\nx\n"))
 
 
@@ -229,8 +230,6 @@ def test_decimals_and_structures_of_parquet_are_numbers(tmp_path: Path) -> None:
     columns, asked, _ = texts_of(tmp_path / "run.parquet")
     assert columns["joint.goal"] == "arm.goal_deg*pi/180" and not asked
 
-
-# --- a row for each joint --------------------------------------------------------------------------------------------
 
 N = motion(5.0, 100.0, seed=7)
 
@@ -252,7 +251,7 @@ def long_form(folder: Path, head: str, names: tuple[object, object], apart: floa
     [
         ("t,name,pos,cmd", ("shoulder", "elbow"), ["shoulder", "elbow"]),
         ("time,servo_id,position,goal", (3, 5), ["joint3", "joint5"]),
-        ("t,Joint,q,qd", ("link1", "left arm"), ["link1", "left_arm"]),
+        ("t,Joint,q,q_des", ("link1", "left arm"), ["link1", "left_arm"]),
     ],
 )
 def test_a_row_for_each_joint_is_one_sample_of_all(

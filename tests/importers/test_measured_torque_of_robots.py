@@ -12,7 +12,7 @@ from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import propose_for
 from sealegs.gap.verdict.columns import check_robot, commanded
 
-from tests.importers.test_import_units import ANGLE, LATE, TIME, table
+from tests.importers.importing import ANGLE, LATE, TIME, table
 
 ARM = """<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.2" mass="1"/>
 <body pos="0 0 -0.4"><joint name="gripper" axis="0 1 0"/><geom size="0.1" mass="0.2"/></body></body>

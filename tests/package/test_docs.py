@@ -14,6 +14,7 @@ from sealegs.gap.causes.registry import ENTRIES, GROUND
 from sealegs.gap.virtual.bench import record
 
 from docs.generate import catalogue as catalogue_page
+from docs.generate import dialects as dialects_page
 from docs.generate import thresholds as thresholds_page
 from tests.doc_blocks import NO_DATA, NOT_RUN, REPOSITORY, Block, blocks, check, pages, why_not, world
 
@@ -76,6 +77,10 @@ def test_every_cause_is_on_the_page_of_the_catalogue(name: str) -> None:
 def test_the_page_of_thresholds_is_that_of_the_settings() -> None:
     page = thresholds_page.PAGE.read_text(encoding="utf-8")
     assert page == thresholds_page.page(), "python -m docs.generate.thresholds"
+
+
+def test_the_page_of_dialects_is_that_of_their_rows() -> None:
+    assert dialects_page.PAGE.read_text(encoding="utf-8") == dialects_page.page(), "python -m docs.generate.dialects"
 
 
 # --- typed from top to bottom ----------------------------------------------------------------------------------------

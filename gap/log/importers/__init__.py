@@ -17,12 +17,13 @@ from ....common.errors import nearest
 from ..sidecar import FOLDER_DEFAULTS
 from ..types import LogError, MeasuredRun
 from ..writer import in_the_way, is_written, write_run
-from .formats import read_recordings, read_source
+from .claims import claims_of
+from .dialects import dialects
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
-from .per_joint import joined
-from .proposal import propose
-from .proposed import Proposal
+from .one_run import joined, paired
+from .proposal import Proposal, propose, spelled
 from .ranges import check_shares, far_in_proposal, far_in_runs
+from .readers import read_recordings, read_source
 from .recording import RECORDED, Recording
 from .show import proposal_text
 from .sidecars import (
@@ -43,7 +44,6 @@ from .sidecars import (
     slides_of,
     text_with_blanks,
 )
-from .spelling import spelled
 
 MANY_ROWS = 20_000
 """Longer recordings are written as Parquet where nobody says which format."""
@@ -106,6 +106,7 @@ def propose_for(
     actuator: str | None = None,
     command: str = "",
     params: AnyMapping[str, float] | None = None,
+    dialect: str | Path | None = None,
 ) -> Proposed:
     """Propose how the recordings of a source become logs.
 
@@ -117,21 +118,23 @@ def propose_for(
         actuator: of all joints, for the sidecar.
         command: that imports with the mapping, for its head.
         params: numbers of the robot, for the sidecar.
+        dialect: file of a dialect of one's own, which comes before the others.
 
     Raises:
         LogError: the source cannot be read.
     """
     found, without = read_source(source)
-    recordings, left = _alike(found)
-    left += without
     robot = checked_robot(robot, out)
+    recordings, left = _alike(paired(found, source) or found)
+    left += without
     recordings = joined(recordings, joints_in_file(robot, out), source)
-    proposal = propose(recordings, unit, slides_of(robot, out))
+    known = dialects(dialect)
+    proposal = propose(recordings, unit, slides_of(robot, out), known)
     proposal = spelled(proposal, recordings[0].columns, joints_in_file(robot, out))
     check_shares(proposal, robot, out)
     sidecar = proposed_sidecar(
         recordings, proposal, beside(robot, out), asked_chain(actuator, out, proposal.joints, lambda: recordings[0]),
-        params, limits_of(robot, out),
+        params, limits_of(robot, out), claims_of(recordings[0], known),
     )  # fmt: skip
     text = proposal_text(
         proposal, sidecar, recordings, command, left, far_in_proposal(proposal, recordings, robot, out)
@@ -170,6 +173,7 @@ def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
 def _read(source: Path, out: Path, mapping: Mapping) -> tuple[list[Recording], list[str]]:
     """The recordings of a source as a proposal for the robot of a mapping has them, and sentences on files without."""
     found, without = read_source(source)
+    found = paired(found, source) or found
     alike, _ = _alike(found)
     robot = Path(os.path.normpath(out / str(mapping.sidecar.get("robot"))))  # the folder need not exist yet
     whole = joined(alike, joints_in_file(str(robot), out) if os.path.isfile(robot) else (), source)

@@ -1,256 +1,270 @@
-"""The clock of a foreign recording: which column it is, in which unit, or what is wrong with the one that says so."""
+"""The time of a recording: which column it is and in which unit, and what is wrong with columns that look like one."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..types import Array
-from .clock_units import rivals, told
-from .evidence import CLOCKS, FASTEST, SLOWEST, clock_units, whole_numbers
-from .expression import ROW, quoted, without_overflows
-from .names import said
+from .expression import quoted
+from .lines import ASK, LIKELY, SURE, Line
+from .motion import whole_numbers
+from .names import Claim, said
 from .recording import Recording
-from .unit_words import measures, unit_of
-from .units import ASK, LIKELY, SURE, Read
+from .units import measures
 
+SLOWEST, FASTEST = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
+FASTEST_USUAL = 1e-4  # [s] of the fastest logs that are usual
+CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": 86400.0}
+"""Units of clocks [s]; days are those of spreadsheets, since 1900."""
+SPREADSHEET = (2e4, 8e4)  # [d] of 1954 to 2119
+SINCE_1970 = (9e8, 4.2e9)  # [s] of 1998 to 2103
+DAYS_OF_1970 = 25569.0
 NEVER = "it never changes"
-PERIODS = frozenset(["dt", "deltat", "period"])
+PERIODS = frozenset(["dt", "deltat", "period", "duration"])
 """Words for the time from one sample to the next."""
-RATE = re.compile(r"(.*[._])?(fs|fps|f_?sampl\w*|sampl\w*(rate|freq\w*|hz))(_?hz)?", re.IGNORECASE)
-"""Names of a single number that is the samples a second."""
-STEP = re.compile(r"(.*[._])?(ts|dt|delta_?t|t_?sampl\w*|sampl\w*(time|period|step|interval))(_[a-z]+)?", re.IGNORECASE)
-"""Names of a single number that is the sample period."""
-FACTORS = {unit: known.behind for unit in CLOCKS if (known := measures(unit, "time"))}
-"""Expression behind a column that makes it seconds, by the units that steps tell."""
+RATE = re.compile(r"(.*[._])?(fs|fps|hz|f_?sampl\w*|(sampl\w*|action|control|loop)_?(rate|freq\w*|hz))(_?hz)?", re.I)
+STEP = re.compile(r"(.*[._])?(ts|dt|delta_?t|t_?sampl\w*|sampl\w*(time|period|step|interval))(_[a-z]+)?", re.I)
+"""Names of single numbers that are the samples a second, and the sample period."""
+STAMP = re.compile(r"(?P<stem>.*?)[._/ -]?(?:(?P<whole>[sS]ecs?)|(?P<ms>(?i:milli|m)(?i:secs?|s))"
+                   r"|(?P<us>(?i:micro|u)(?i:secs?|s))"
+                   r"|(?P<ns>(?i:nano|n)(?i:secs?)))?")  # fmt: skip
+"""A stamp in two columns: its whole seconds, and the part of a second by its unit."""
+PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 DISORDER = 0.01
 """Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
-SKIPPED = 10.0  # usual steps of a counter over which it may have gone where it starts again
-INDEXED = re.compile(r".*\[\d+\]")
-"""A column of a matrix, which is no clock where a vector is."""
-LAST_WORDS = re.compile(r"(.*?)([A-Z]?[a-z]+[A-Z][a-z]+)\Z")
-LAST_WORD = re.compile(r"(.*?)([A-Z]?[a-z]+|[A-Z]+)\Z")
-PARTS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
-"""Parts of a second that a stamp in two columns has beside its whole seconds, and how many are a second."""
+OVERLAP = 0.5
+"""Share of the longest recording for which all run, of joints that were recorded together."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The time of a recording.
-
-    Attributes:
-        name: of the column, or the number of the sample; empty where nothing tells the time.
-        read: how it becomes seconds.
-        unused: why other columns that look like clocks are not taken.
-    """
+    """The time of a recording: its column (``row`` for the number of the sample, empty where nothing tells the time),
+    how it
+    becomes seconds, and why other columns that look like clocks are not taken."""
 
     name: str
-    read: Read
+    line: Line
     unused: dict[str, str] = field(default_factory=dict)
 
 
-def find_clock(recording: Recording) -> Clock:
-    """The clock: by its name, else the one column that runs on."""
+# --- clocks as numbers -----------------------------------------------------------------------------------------------
+
+
+def clock_units(time: Array) -> list[str]:
+    """Units in which a column's steps are sample periods of a servo's log; empty where it is no clock."""
+    known = time[np.isfinite(time)]
+    steps = np.diff(known)
+    if len(steps) < 2 or (steps < 0).any() or np.median(steps) <= 0.0:
+        return []
+    step, in_days = float(np.median(steps)), SPREADSHEET[0] < known[0] < SPREADSHEET[1]
+    return [unit for unit, second in CLOCKS.items() if FASTEST <= step * second <= SLOWEST and (unit != "d" or in_days)]
+
+
+def units_of_the_day(time: Array) -> list[str]:
+    """Units in which a clock is of the day; none where it may begin at any time."""
+    since = {unit: CLOCKS[unit] * (time[0] - (DAYS_OF_1970 if unit == "d" else 0.0)) for unit in clock_units(time)}
+    return [unit for unit, seconds in since.items() if SINCE_1970[0] < seconds < SINCE_1970[1]]
+
+
+def together(times: Sequence[Array]) -> bool:
+    """Whether clocks of the day say that all recordings were made at one time."""
+    return len(times) > 1 and all(map(units_of_the_day, times)) and overlap(times)
+
+
+def overlap(times: Sequence[Array]) -> bool:
+    """Whether recordings ran side by side for most of the longest."""
+    begin, end = max(time[0] for time in times), min(time[-1] for time in times)
+    return bool(end - begin > OVERLAP * max(time[-1] - time[0] for time in times))
+
+
+def held(time: Array, values: Array, at: Array) -> Array:
+    """The last value at other times, NaN before the first."""
+    before = np.searchsorted(time, at, side="right") - 1
+    return np.where(before >= 0, values[np.maximum(before, 0)], np.nan)
+
+
+def in_force(time: Array, values: Array, at: Array) -> tuple[Array, float]:
+    """The command that was in force over most of each sample, NaN before the first, and how late commands usually come.
+
+    A command that comes shortly after the start of a sample is taken there, though it is later.
+
+    Args:
+        time, values: of the commands, (n,).
+        at: times of the samples, (m,), in the same unit.
+
+    Returns:
+        Values (m,), and the median time by which they are behind the start of their sample; 0 where they are not.
+    """
+    period = np.diff(at, append=at[-1] + (at[-1] - at[-2] if len(at) > 1 else 0.0))
+    middle = at + 0.5 * np.minimum(period, 2.0 * float(np.median(period)))
+    late = held(time, time, middle) - at
+    return held(time, values, middle), max(float(np.nanmedian(late)), 0.0) if np.isfinite(late).any() else 0.0
+
+
+def offset_note(who: str, late: str) -> str:
+    """What is said of commands that come after the samples that have them."""
+    return f"commands of {who} come {late} (median) after the samples: each sample has the one in force over most of it"
+
+
+# --- the clock of a recording ----------------------------------------------------------------------------------------
+
+
+def find_clock(recording: Recording, claims: Mapping[str, Claim] | None = None) -> Clock:
+    """The clock: by a claim, else the one column that runs on.
+
+    Args:
+        recording: one run.
+        claims: on its columns; None: what their names say.
+    """
     columns = recording.columns
-    by_format = [name for name, role in recording.roles.items() if role == "time" and name in columns]
-    spoken = sorted(
-        (name for name in columns if said(name).signal == "time"),
-        key=lambda name: (said(name).joint != "", "duration" in name.lower(), len(name)),
-    )
-    spoken = [name for name in spoken if not INDEXED.fullmatch(name)] or spoken
+    claims = {name: said(name) for name in columns} if claims is None else claims
+    times = [name for name in columns if claims[name].signal == "time"]
+    sure = [name for name in times if recording.roles.get(name) == "time"]
+    sure = sure or [name for name in times if claims[name].by not in ("the name", "the file")]
+    spoken = sorted(times, key=lambda name: (claims[name].joint != "", "duration" in name.lower(), len(name)))
+    spoken = [name for name in spoken if "[" not in name[-4:-1]] or spoken  # no column of a matrix where a vector is
     two = _in_two_columns(recording)
-    halves = two[:2] if two else ()
-    named = [name for name in spoken if name not in halves and _units(columns[name], _spoken(recording, name))]
+    named = [name for name in spoken if name not in (two or ()) and _units(columns[name], claims[name].unit)]
     running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
-    candidates = by_format or named or running
-    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *by_format, *halves)}
-    if two and not (by_format or named):
+    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *sure, *(two or ()))}
+    if two and not (sure or named):
         return Clock(two[0], _summed_stamp(recording, *two), faults)
-    faults |= dict.fromkeys(halves, "a stamp in two columns, another clock")
-    moving = {name: fault for name, fault in faults.items() if fault != NEVER}
-    for name in [] if by_format or named else moving:
-        whole = without_overflows(columns[name])
-        if (np.diff(columns[name]) < 0.0).any() and _runs_on(columns[name], whole) and clock_units(whole):
-            read = _read(replace(recording, columns={**columns, name: whole}), name, False, True)
-            text = read.text.replace(quoted(name), f"counter({quoted(name)})", 1)
-            return Clock(name, replace(read, text=text, why=f"{read.why}; it overflows, which counter() mends"), {})
-    if not candidates or (moving and not named and not by_format):
+    faults |= dict.fromkeys((two or ())[:2], "a stamp in two columns, another clock")
+    candidates = sure or named or running
+    if not candidates or (not (sure or named) and any(fault != NEVER for fault in faults.values())):
         return _no_clock(recording, faults)
     name = candidates[0]
     unused = faults | dict.fromkeys(candidates[1:], f"another clock; {name} is taken")
-    sure_of_it = bool(by_format or named) or len(running) == 1
-    return Clock(name, _read(recording, name, bool(by_format), sure_of_it), unused)
+    return Clock(
+        name, _line(name, columns[name], claims[name].unit, bool(sure), bool(named) or len(running) == 1), unused
+    )
 
 
 def _in_two_columns(recording: Recording) -> tuple[str, str, str] | None:
     """A stamp in two columns, as ROS has it: whole seconds, the part of a second, and the unit of the part."""
-    stems = {name: _stem(name) for name in recording.columns}
-    for whole, (stem, unit) in stems.items():
-        if unit != "s" and (unit or said(whole).signal != "time"):
+    found = {name: match for name in recording.columns if (match := STAMP.fullmatch(name))}
+    for whole, match in found.items():
+        if not match["whole"] and said(whole).signal != "time":
             continue
-        for part, (other, fine) in stems.items():
+        for part, other in found.items():
+            unit = next((unit for unit in PER_SECOND if other[unit]), "")
             halves = recording.columns[whole], recording.columns[part]
-            if part != whole and other == stem and fine in PARTS and _is_stamp(*halves, PARTS[fine]):
-                return whole, part, fine
+            if (
+                unit
+                and part != whole
+                and other["stem"].lower() == match["stem"].lower()
+                and _is_stamp(*halves, PER_SECOND[unit])
+            ):
+                return whole, part, unit
     return None
 
 
-def _stem(name: str) -> tuple[str, str]:
-    """A name without the unit of a time at its end, and that unit; empty where it has none."""
-    for pattern in (LAST_WORDS, LAST_WORD):  # NanoSec before Sec
-        match = pattern.fullmatch(name)
-        word = match[2].lower() if match else ""
-        unit = next((unit for one in (word, word.removesuffix("s")) if (unit := unit_of(one)) in ("s", *PARTS)), "")
-        if match and unit:
-            return match[1].rstrip("._/-: ").lower(), unit
-    return name.rstrip("._/-: ").lower(), ""
-
-
 def _is_stamp(whole: Array, part: Array, count: float) -> bool:
-    """Whether two columns are one stamp: the part begins again where the seconds step, but for recordings that end."""
+    """Whether two columns are one stamp, in order but for recordings that end: the part begins again at each second."""
     known = np.isfinite(whole) & np.isfinite(part)
     seconds, parts = whole[known], part[known]
     if len(seconds) < 3 or not whole_numbers(seconds) or parts.min() < 0.0 or parts.max() >= count:
         return False
     steps = np.diff(seconds - seconds[0] + parts / count)
-    usual, over = float(np.median(steps)), np.diff(seconds) > 0.0
-    return (
-        FASTEST <= usual <= SLOWEST
-        and bool((steps < 0.0).sum() <= DISORDER * len(steps))
-        and (not over.any() or float(np.median(steps[over])) <= SKIPPED * usual)
-    )
+    return FASTEST <= float(np.median(steps)) <= SLOWEST and bool((steps < 0.0).mean() <= DISORDER)
 
 
-def _summed_stamp(recording: Recording, whole: str, part: str, unit: str) -> Read:
+def _summed_stamp(recording: Recording, whole: str, part: str, unit: str) -> Line:
     """The time as the sum of two columns, from the first second on: a float has no digits for seconds since 1970."""
     seconds, parts = recording.columns[whole], recording.columns[part]
     first = int(seconds[np.isfinite(seconds)][0])
-    since = f" - {first}" if first > 0 else f" + {-first}" if first else ""
-    text = f"{quoted(whole)}{since} + {quoted(part)}{FACTORS[unit]}"
-    time = seconds - first + parts / PARTS[unit]
+    text = f"{quoted(whole)} - {first} + {quoted(part)}{_behind(unit)}".replace("- -", "+ ").replace(" - 0 ", " ")
+    time = seconds - first + parts / PER_SECOND[unit]
     if (np.diff(time[np.isfinite(time)]) < 0.0).any():
         fault = clock_fault(time)
-        return Read(text, "s", ASK, fault, f"{quoted(whole)} and {quoted(part)} are the time, but {fault}")
+        return Line(text, "s", ASK, fault, f"{quoted(whole)} and {quoted(part)} are the time, but {fault}")
     step = float(np.nanmedian(np.diff(time)))
-    return Read(text, "s", SURE, f"whole seconds and {unit} of one stamp, from the first second on, each {step:.4g} s")
+    return Line(text, "s", SURE, f"whole seconds and {unit} of one stamp, from the first second on, each {step:.4g} s")
 
 
-def _runs_on(counts: Array, whole: Array) -> bool:
-    """Whether a counter goes on over its overflows as it does elsewhere: two recordings in one file do not."""
-    steps, over = np.diff(whole), np.diff(counts) < 0.0
-    return bool((counts == np.floor(counts)).all()) and float(steps[over].max()) <= SKIPPED * float(np.median(steps))
+def _behind(unit: str) -> str:
+    known = measures(unit, "time")
+    return known.behind if known else ""
 
 
 def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:
+    """The time as the sum of sample periods, by a rate that the file says, or a question."""
     columns = recording.columns
-    period = next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))), None)
-    period = period or next((name for name in faults if _is_period(name, columns[name])), None)
+    period = next((name for name in columns if PERIODS & set(re.findall("[a-z]+", name.lower()))
+                   and (np.nan_to_num(columns[name]) >= 0.0).all()
+                   and not (np.diff(columns[name]) == 1.0).all()), None)  # fmt: skip
     if faults.keys() - {period}:
         name, fault = next(iter(faults.items()))
         ask = f"{quoted(name)} says that it is the time, but {fault}; or write another expression, in seconds"
-        others = {other: why for other, why in faults.items() if other != name}
-        return Clock("", Read(quoted(name), "?", ASK, fault, ask), others)
+        return Clock(
+            "", Line(quoted(name), "?", ASK, fault, ask), {one: why for one, why in faults.items() if one != name}
+        )
     if period:
         return Clock(period, _summed(period, columns[period]))
-    if read := _counted(recording.facts):
-        return Clock(ROW, read)
-    ask = (
-        "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds; "
-        f"where the file has none, {ROW}/<samples a second>"
-    )
-    return Clock("", Read(f"{ROW}/100", "?", ASK, "100 Hz is a guess", ask))
-
-
-def _is_period(name: str, values: Array) -> bool:
-    """Whether a duration is that of one cycle, as control loops are given it."""
-    known = values[np.isfinite(values)]
-    usual = float(np.median(known)) if len(known) else 0.0
-    units = [unit for unit in ("s", "ms", "us") if FASTEST <= usual * CLOCKS[unit] <= SLOWEST]
-    return "duration" in name.lower() and bool(units) and bool((known >= 0.0).all() and known.max() < 100.0 * usual)
-
-
-def _counted(facts: Mapping[str, float | str]) -> Read | None:
-    """The time by the number of the sample, where a single number of the file is its period or rate."""
-    for name, value in facts.items():
-        rate = bool(RATE.fullmatch(name))
+    for name, value in recording.facts.items():
+        known, rate = measures(said(name).unit, "time"), bool(RATE.fullmatch(name))
         if isinstance(value, str) or not value > 0.0 or not (rate or STEP.fullmatch(name)):
             continue
-        known = measures(said(name).unit, "time")
-        period = 1.0 / value if rate else value * (known.factor if known else 1.0)
-        if FASTEST <= period <= SLOWEST:
-            text = f"{ROW}/{quoted(name)}" if rate else f"{ROW}*{quoted(name)}{known.behind if known else ''}"
-            return Read(text, "s", LIKELY, f"there is no clock, and {name} is {value:g}: {1.0 / period:.4g} Hz")
-    return None
+        step = 1.0 / value if rate else value * (known.factor if known else 1.0)
+        if FASTEST <= step <= SLOWEST:
+            text = f"row/{quoted(name)}" if rate else f"row*{quoted(name)}{known.behind if known else ''}"
+            return Clock(
+                "row", Line(text, "s", LIKELY, f"there is no clock, and {name} is {value:g}: {1.0 / step:.4g} Hz")
+            )
+    ask = (
+        "which column is the time? None runs on in steps of a sample period. Write its expression, in seconds; "
+        "where the file has none, row/<samples a second>"
+    )
+    return Clock("", Line("row/100", "?", ASK, "100 Hz is a guess", ask))
 
 
-def _summed(name: str, periods: Array) -> Read:
+def _summed(name: str, periods: Array) -> Line:
     """The time as the sum of the sample periods in a column."""
     period, spoken = float(np.nanmedian(periods)), said(name).unit
     units = [unit for unit in ("s", "ms", "us") if FASTEST <= period * CLOCKS[unit] <= SLOWEST]
-    known = measures(spoken, "time")
-    unit = spoken if known and FASTEST <= period * known.factor <= SLOWEST else next(iter(units), "s")
-    text = f"cumsum({quoted(name)}){known.behind if known and unit == spoken else FACTORS[unit]}"
+    unit = spoken if spoken in units else next(iter(units), "s")
     ask = f"is {quoted(name)} the time from one sample to the next, in {unit}?"
-    return Read(text, unit, SURE if spoken == unit else ASK, f"sum of the sample periods, {period:.4g} {unit}", ask)
-
-
-def _spoken(recording: Recording, name: str) -> str:
-    return recording.units.get(name) or said(name).unit
+    why = f"sum of the sample periods, {period:.4g} {unit}"
+    return Line(f"cumsum({quoted(name)}){_behind(unit)}", unit, SURE if spoken == unit else ASK, why, ask)
 
 
 def _units(values: Array, spoken: str) -> list[str]:
     """Units in which a column is a clock, with the one that its name says."""
-    units = clock_units(values)
-    known = measures(spoken, "time")
-    if known and spoken not in units and "s" in clock_units(values * known.factor):
-        units.append(spoken)
-    return units
+    units, known = clock_units(values), measures(spoken, "time")
+    return [*units, spoken] if known and spoken not in units and "s" in clock_units(values * known.factor) else units
 
 
-def _read(recording: Recording, name: str, by_format: bool, sure_of_it: bool) -> Read:
-    values, column = recording.columns[name], quoted(name)
-    spoken = _spoken(recording, name)
-    known, possible = measures(spoken, "time"), _units(values, spoken)
+def _line(name: str, values: Array, spoken: str, by_format: bool, told: bool) -> Line:
+    """How a clock becomes seconds: in the unit that is said, else in the one in which its steps are usual."""
+    column, known, possible = quoted(name), measures(spoken, "time"), _units(values, spoken)
     step = float(f"{np.nanmedian(np.diff(values)):.4g}")
     if known and (spoken in possible or by_format):
-        return Read(column + known.behind, spoken, SURE, f"in {spoken}, a sample each {step:g}")
-    if known or not possible:
-        return Read(column, "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}")
-    if spoken:
-        ask = f"the name says {spoken}, which is no unit of a time: write an expression in seconds"
-        return Read(column, "?", ASK, f"{ask.partition(':')[0]}; a sample each {step:g}", ask)
-    unit, shown = possible[0], ""
-    several = [] if by_format else rivals(step, possible)
-    if len(several) > 1:
-        found, shown = told(recording, name, several)
-        if not found:
-            return _several(column, step, several)
-        unit = found
+        return Line(column + known.behind, spoken, SURE, f"in {spoken}, a sample each {step:g}")
+    if spoken or not possible:
+        return Line(
+            column, "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}: write seconds"
+        )
+    usual = [unit for unit in possible if step * CLOCKS[unit] > 0.99 * FASTEST_USUAL]
+    since = units_of_the_day(values)
+    unit = since[0] if len(since) == 1 and len(usual) > 1 else possible[0]
+    rates = [
+        f"{1.0 / (step * CLOCKS[one]):.5g} Hz in {one}"
+        for one in (usual if len(usual) > 1 and unit not in since else [unit])
+    ]
+    why = "days, as of a spreadsheet, " if unit == "d" else ""
+    why += f"a sample each {step:g} is one of {' or '.join(rates)}{': since 1970' * (unit in since and unit != 'd')}"
+    text = column + _behind(unit)
     whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(values))) == 1
-    why = f"a sample each {step:g} is one of {1.0 / (step * CLOCKS[unit]):.4g} Hz in {unit}"
-    if unit == "d":
-        why = f"days, as of a spreadsheet, at {1.0 / (step * CLOCKS[unit]):.4g} Hz"
-    why += f": {shown}" if shown else ""
-    if not whole and sure_of_it:
-        return Read(column + FACTORS[unit], unit, LIKELY, why)
-    counts = f"; or does it count samples? Then the time is {column}/<samples a second>" if whole else ""
-    return Read(
-        column + FACTORS[unit], unit, ASK, why, f"is {column} the time, in {unit}? {why[0].upper()}{why[1:]}{counts}"
-    )
-
-
-def _several(column: str, step: float, units: Sequence[str]) -> Read:
-    """A clock whose steps are sample periods in more than one unit."""
-    rates = " or ".join(f"{1.0 / (step * CLOCKS[unit]):.5g} Hz in {unit}" for unit in units)
-    others = ", ".join(f"{column}{FACTORS[unit]} in {unit}" for unit in units[1:])
-    ask = (
-        f"in which unit is {column}? No name says it, and a sample each {step:g} is one of {rates}: the line is right "
-        f"in {units[0]}, else write {others}"
-    )
-    return Read(column + FACTORS[units[0]], units[0], ASK, f"a sample each {step:g} is one of {rates}", ask)
+    if by_format or (told and not whole and len(rates) == 1):
+        return Line(text, unit, LIKELY, why)
+    ask = f"is {column} the time, in {unit}? {why[0].upper()}{why[1:]}"
+    ask += "".join(f"; in {one} it is {column}{_behind(one)}" for one in usual[1:] if len(rates) > 1)
+    ask += f"; or does it count samples? Then the time is {column}/<samples a second>" if whole else ""
+    return Line(text, unit, ASK, why, ask)
 
 
 def clock_fault(values: Array) -> str:
@@ -262,34 +276,26 @@ def clock_fault(values: Array) -> str:
     if (steps <= 0.0).all():
         return f"it runs backwards, from {known[0]:g} to {known[-1]:g}: turn the order of the rows round"
     if (steps < 0.0).any():
-        return _jumps(known, np.flatnonzero(np.isfinite(values))[np.flatnonzero(steps < 0.0) + 1], steps)
-    if np.median(steps) == 0.0:
-        each = len(known) / len(np.unique(known))
-        if (known == np.round(known)).all():
-            return f"it repeats, {each:.3g} rows have the same stamp: export it with fractions of a second"
+        rows = np.flatnonzero(np.isfinite(values))[np.flatnonzero(steps < 0.0) + 1]  # behind each jump
+        at = int(np.argmax(steps < 0.0))
+        where = f"it jumps back in row {rows[0] + 1}, from {known[at]:g} to {known[at + 1]:g}"
+        if any(0.95 * 2.0**bits < known[at] < 2.0**bits for bits in (16, 24, 32)):
+            where += ", as a counter that overflows: write counter(<column>), in seconds. Else"
+        if len(rows) > DISORDER * len(known):
+            return f"{where}, and in {len(rows)} rows in all: put the rows into their order, or record again"
+        if len(rows) > 1:
+            further = ", ".join(str(row + 1) for row in rows[1:4])
+            return (
+                f"{where}, and again in row {further}: there recordings end and begin, so part the file at these rows"
+            )
         return (
-            f"it repeats, {each:.3g} rows have the same stamp: of a row for each joint make a column for each "
-            "joint, one row a sample"
+            f"{where}: there one recording ends and the next begins, so part the file, or import it twice, with "
+            f"the line "
+            f"`where: {rows[0]} - row` in one mapping and `where: row - {rows[0] - 1}` in the other"
         )
+    if np.median(steps) == 0.0:
+        each = f"it repeats, {len(known) / len(np.unique(known)):.3g} rows have the same stamp"
+        if whole_numbers(known):
+            return f"{each}: export it with fractions of a second"
+        return f"{each}: of a row for each joint make a column for each joint, one row a sample"
     return f"its steps of {np.median(steps):.4g} are no sample period in s, ms, us or ns"
-
-
-def _jumps(known: Array, rows: np.ndarray, steps: Array) -> str:
-    """What to do with a clock that jumps back: several recordings in one file, or rows in no order.
-
-    Args:
-        known: stamps that there are.
-        rows: first one behind each jump, counted from 0.
-        steps: between the stamps.
-    """
-    at = int(np.argmax(steps < 0.0))
-    where = f"it jumps back in row {rows[0] + 1}, from {known[at]:g} to {known[at + 1]:g}"
-    if len(rows) > DISORDER * len(known):
-        return f"{where}, and in {len(rows)} rows in all: put the rows into their order, or record again"
-    if len(rows) > 1:
-        further = ", ".join(str(row + 1) for row in rows[1:4])
-        return f"{where}, and again in row {further}: there recordings end and begin, so part the file at these rows"
-    return (
-        f"{where}: there one recording ends and the next begins, so part the file, or import it twice, with the line "
-        f"`where: {rows[0]} - {ROW}` in one mapping and `where: {ROW} - {rows[0] - 1}` in the other"
-    )

@@ -1,15 +1,27 @@
-"""Chains for recordings of one servo whose files say how its drive was set: gain, supply, limit of the current."""
+"""Chains for recordings that say how their drive was set: the servo of BAM, and gains of an impedance drive (MIT
+mode)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.published import DRIVES, as_recorded
+from ..types import BESIDE_GOAL
+from .expression import names_in, quoted
+from .names import Claim
+from .proposal import Proposal
 from .recording import Recording
 
 Chain = str | list[dict[str, Any]]
+USUAL = 0.7
+"""Share of the rows from which a gain is the drive's; the other rows are left out."""
+PLAIN_UNITS = ("rad", "m", "rad/s", "m/s", "N.m", "N")
+"""Units of columns in which gains are in N.m/rad and N.m.s/rad."""
 
 
 def of_one_servo(recording: Recording, joints: Sequence[str]) -> bool:
@@ -18,12 +30,75 @@ def of_one_servo(recording: Recording, joints: Sequence[str]) -> bool:
 
 
 def shipped_chain(facts: Mapping[str, float | str]) -> Chain | None:
-    """The shipped chain of a recording's motor, set as it says; None where there is none or it says no gain.
-
-    Args:
-        facts: numbers and words of the recording.
-    """
+    """The shipped chain of a recording's motor, set as it says; None where there is none or it says no gain."""
     motor = facts.get("motor")
     if not isinstance(motor, str) or motor not in DRIVES or not (LIBRARY / f"{motor}.yaml").is_file():
         return None
     return as_recorded(DRIVES[motor], load_chain(motor).to_list(), facts) if "kp" in facts else None
+
+
+@dataclass(frozen=True)
+class _Gain:
+    """A gain: its column, its usual value and the share of rows that have it."""
+
+    column: str
+    value: float
+    share: float
+
+
+def impedance_chains(
+    recordings: Sequence[Recording],
+    out: Proposal,
+    claims: Mapping[str, Claim],
+    limits: Mapping[str, float] | None = None,
+) -> dict[str, list[dict[str, Any]]]:
+    """Chains of joints that are told more than a goal, with stiffness and damping as the recordings have them.
+
+    Rows with other ones are left out where these are few, as at a start. A joint whose gains change more has no chain:
+    then only the whole torque says what its drive was told. Nor has one whose columns are in degrees or turns: nobody
+    says whether its gains are, too.
+
+    Args:
+        recordings: of one kind.
+        out: what is proposed.
+        claims: on columns.
+        limits: largest torque of a joint [N.m], as a robot's file has it.
+    """
+    chains = {}
+    for joint in out.joints:
+        goal = out.columns.get(f"{joint}.goal")
+        beside = [out.columns[name] for signal in BESIDE_GOAL if (name := f"{joint}.{signal}") in out.columns]
+        if goal is None or not beside or not all(line.unit in PLAIN_UNITS for line in (goal, *beside)):
+            continue
+        owners = {claims[name].joint for name in names_in(goal.text) if name in claims} | {joint}
+        stiffness, damping = (_gain(recordings, claims, owners, what) for what in ("stiffness", "damping"))
+        if stiffness is None or damping is None:
+            continue
+        for gain, what in ((stiffness, "stiffness"), (damping, "damping")):
+            out.unused[gain.column] = f"the {what} of {joint}'s chain"
+        changing = [gain for gain in (stiffness, damping) if gain.share < 1.0]
+        if stiffness.value <= 0.0 or any(gain.share < USUAL for gain in changing):
+            for gain in changing or (stiffness,):
+                out.unused[gain.column] = (
+                    f"it is {gain.value:g} in {gain.share:.0%} of the rows, so no chain holds for {joint}: compute the "
+                    f"torque that its drive was told and give it as {joint}.torque_command, without the goal"
+                )
+            continue
+        for gain in changing:  # as at a start, when a host holds its motors soft
+            out.unused[gain.column] += f"; rows in which it is not {gain.value:g} are left out"
+            same = f"max(1-abs(sign({quoted(gain.column)}-{gain.value!r})), 0)"
+            out.keep.setdefault(joint, []).append(same)
+        limit = {"torque_limit": limits[joint]} if limits and joint in limits else {}
+        drive = {"stiffness": stiffness.value, "damping": damping.value, **limit, "feedforward": 1}
+        chains[joint] = [{"ideal": drive}]
+    return chains
+
+
+def _gain(recordings: Sequence[Recording], claims: Mapping[str, Claim], owners: set[str], what: str) -> _Gain | None:
+    """A gain of one of these joints; None where no column, or more than one, is it."""
+    names = [name for name, claim in claims.items() if claim.joint in owners and claim.aside.startswith(what)]
+    if len(names) != 1:
+        return None
+    values = np.concatenate([run.columns[names[0]] for run in recordings])
+    each, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    return _Gain(names[0], float(each[np.argmax(counts)]), float(counts.max() / len(values))) if len(each) else None

@@ -139,12 +139,6 @@ def lacking(mapping: Mapping, recording: Recording) -> set[str]:
     return names_of(mapping) - {*recording.columns, *recording.facts, *mapping.constants, "pi", ROW}
 
 
-def known_names(recording: Recording) -> dict[str, Any]:
-    """Columns (n,) and numbers of a recording that expressions may take, with the number of the sample."""
-    numbers = {key: value for key, value in recording.facts.items() if not isinstance(value, str)}
-    return {ROW: np.arange(recording.length, dtype=np.float64), **numbers, **recording.columns}
-
-
 def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     """The run that a recording is by a mapping.
 
@@ -152,7 +146,7 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
         LogError: a column that it takes is missing, or what comes out is no log.
     """
     where = str(recording.source)
-    values = known_names(recording) | mapping.constants | recording.columns
+    values = recording.known_names() | mapping.constants | recording.columns
     table: dict[str, Array] = {
         name: column(text, values, f"{where}: column '{name}'", recording.length)
         for name, text in mapping.columns.items()

@@ -1,44 +1,109 @@
-"""A mapping proposed from header and data, with the reason for each column, and questions where they do not tell."""
+"""A mapping proposed from claims on columns, with the reason for each line, and questions where nobody says enough."""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..types import COMMANDS, OTHER, SIGNAL_UNITS, TOLD, Array
-from . import pairs
-from .actions import read_action, together
-from .answer import Answer
-from .between_runs import differing_units
+from ..types import COMMANDS, SIGNAL_UNITS, TOLD, Array
+from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked
 from .clocks import find_clock
-from .column import Column, plain, span, taken, without_doubt
-from .evidence import Relation, as_derivative, both_move_apart, drives, following, no_signal, same_motion
-from .expression import evaluate, names_in
-from .groups import best_of, match_goals, renamed, untwist
-from .impedance import place_goal_velocity
-from .in_table import said_together
-from .mapping import Question, known_names
-from .nameless import lists_of
-from .names import said
-from .proposed import Proposal
+from .dialects import Dialect, dialects
+from .expression import evaluate, hold, names_in, quoted
+from .goals import ACTIONS, action_line, differing_units, doubted, no_reading
+from .lines import ASK, LIKELY, SURE, TOLD_FIT, Line, counted_by_velocity, drive_line, goal_velocity_line, velocity_line
+from .lists import lists_of, put_lists
+from .mapping import Mapping, Question
+from .motion import Relation, as_derivative, following, move_apart, span
+from .names import Claim, said
+from .positions import Position, Positions, bare
 from .recording import Recording
-from .sparse import held_goal, held_read, kept_samples
-from .spelling import bare
-from .unit_or_name import parted
-from .unit_words import measures
-from .units import ASK, TELLS, Read, read_other
-from .velocities import counted_by_velocity, read_velocity, slope_beside, with_sign
+from .units import measures
 
-ONLY_JOINT = "joint"
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
-DRIVES = 0.6
-"""Share of a column that motion explains, from which it may be a command or a torque."""
+SPARSE = 0.5
+"""Share of the samples without a goal from which it is taken to hold between its changes."""
+REPEATED = 0.01
+"""Share of the rows up to which stamps that repeat are left out."""
+GARBAGE = 1e9
+"""A value beyond this, or as far below one, is memory that nobody wrote."""
+MOST_ACTIONS = 0.5
+"""Share of the actions from which what these show holds for all: a policy gives one vector."""
+UNFOLLOWED = (
+    "is this the goal of the position beside it? The position does not move as it does. Keep the line if the joint "
+    "hardly "
+    "follows its goal, or is moved by its load; else give another column, or remove it"
+)
+AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
+
+
+@dataclass
+class Proposal:
+    """A mapping with what is to be said of it.
+
+    Attributes:
+        columns: how each column of the log is read.
+        unused: why a column of the file is left out.
+        questions: that are open.
+        slides: joints whose position is a way.
+        keep: by joint the conditions of the samples that are kept, each of them a factor of ``where``; under an empty
+            name those of all.
+    """
+
+    columns: dict[str, Line] = field(default_factory=dict)
+    unused: dict[str, str] = field(default_factory=dict)
+    questions: list[Question] = field(default_factory=list)
+    slides: set[str] = field(default_factory=set)
+    keep: dict[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def joints(self) -> list[str]:
+        """Joints that have a position."""
+        return [name.rpartition(".")[0] for name in self.columns if name.endswith(".position")]
+
+    @property
+    def where(self) -> str | None:
+        """Expression of the samples that are kept; None where all are."""
+        factors = dict.fromkeys(factor for joint in ("", *self.joints) for factor in self.keep.get(joint, []))
+        return "*".join(factors) or None
+
+    def mapping(self) -> Mapping:
+        """The mapping without what it says of itself."""
+        texts = {name: line.text for name, line in self.columns.items()}
+        return Mapping(texts, questions=tuple(self.questions), where=self.where)
+
+    def certain(self) -> Proposal:
+        """Without what is in question; a joint whose position or command is goes as a whole."""
+        open_ones = {name for question in self.questions for name in question.about}
+        kept = {name: line for name, line in self.columns.items() if name not in open_ones}
+        for joint in self.joints:
+            if f"{joint}.position" not in kept or not any(f"{joint}.{signal}" in kept for signal in COMMANDS):
+                kept = {name: line for name, line in kept.items() if name.rpartition(".")[0] != joint}
+        return Proposal(kept, self.unused, [], self.slides, self.keep)
+
+    def put(self, name: str, line: Line) -> None:
+        """Take a column, with its question; those that ask the same are asked about together."""
+        self.columns[name] = line
+        if line.trust == ASK:
+            self.ask(name, line.ask or line.why)
+
+    def ask(self, name: str, ask: str) -> None:
+        same = next((k for k, question in enumerate(self.questions) if question.ask == ask), None)
+        if same is None:
+            self.questions.append(Question((name,), ask))
+        else:
+            self.questions[same] = Question((*self.questions[same].about, name), ask)
 
 
 def propose(
-    recordings: Sequence[Recording], unit: str | None = None, slides: Collection[str] = frozenset()
+    recordings: Sequence[Recording],
+    unit: str | None = None,
+    slides: Collection[str] = frozenset(),
+    known: Sequence[Dialect] | None = None,
 ) -> Proposal:
     """Propose a mapping for recordings that have the same columns.
 
@@ -46,332 +111,226 @@ def propose(
         recordings: of one kind.
         unit: of positions and goals, the answer to the question for it.
         slides: joints that are slides as the robot's file says.
+        known: dialects; None: those that are installed.
 
     Raises:
         LogError: each column says another unit than the answer.
     """
-    return _Proposer(recordings, unit, slides).run()
+    return _Proposer(recordings, unit, {bare(joint) for joint in slides}, dialects() if known is None else known).run()
 
 
 class _Proposer:
-    def __init__(self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str]) -> None:
-        self.recordings, self.slides = recordings, {bare(joint) for joint in slides}
+    """Claims become lines, joint by joint; what is read of one column is handed on to those that hang on it."""
+
+    def __init__(
+        self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str], known: Sequence[Dialect]
+    ) -> None:
+        self.recordings, self.slides, self.known = recordings, slides, known
         self.first = max(recordings, key=lambda recording: recording.length)
-        self.answer = Answer(unit)
-        self.out = Proposal()
-        self.time = ""
-        self.groups: dict[str, dict[str, list[Column]]] = {}
-        self.unknown: list[str] = []
-        self.by_motion: set[str] = set()  # goals that no name puts to a joint
-        self.lists = lists_of(self.first, frozenset({*SIGNAL_UNITS, "load"}))
-        self.actions: dict[str, Read] = {}  # how actions of a policy become goals, by column of the log
-        self.renamed: dict[str, str] = {}  # words that logs reserve, by the joint's name here
+        self.out, self.unit, self.time = Proposal(), unit, ""
+        self.claimed = Claimed()
+        self.actions: dict[str, Line] = {}  # how actions of a policy become goals, by column of the log
 
     def run(self) -> Proposal:
-        """All steps, in the order in which one needs the other."""
+        out = self.out
         self.find_time()
-        self.sort_by_name()
-        self.find_positions()
-        self.place_unknown()
-        measured = {joint: signals for joint, signals in self.groups.items() if signals.get("position")}
-        self.answer.look_at(self.base_and_goals(signals) for signals in measured.values())
-        for joint, signals in measured.items():
-            self.read_joint(joint, signals)
-        for name, read in together(self.actions, self.out.columns):
-            self.put(name, read)
-        self.answer.check(self.first.source)
-        self.leave_out_strays()
-        if len(self.out.joints) >= 1:
-            self.ask_for_commands()
-        for question in differing_units(self.recordings, self.out.columns):
-            self.out.questions.append(question)
-            self.out.columns |= {name: replace(self.out.columns[name], trust=ASK) for name in question.about}
-        return self.out
-
-    # --- the steps -------------------------------------------------------------------------------------------------
+        measured = {joint: own for joint, own in self.claimed.groups.items() if own.get("position")}
+        chosen = {joint: self.choose(own) for joint, own in measured.items()}
+        positions = {joint: self.position(joint, own, measured[joint]) for joint, own in chosen.items()}
+        units = Positions(self.unit, list(positions.values()))
+        for joint, own in chosen.items():
+            self.read_joint(joint, own, positions[joint], units)
+        shown = sum(out.columns[name].trust == ASK for name in self.actions)
+        for name, line in self.actions.items():
+            if shown and shown >= MOST_ACTIONS * len(self.actions) and out.columns[name].trust != ASK:
+                out.put(
+                    name, line.but(trust=ASK, why=f"{line.why}; other actions are no goals as they stand", ask=ACTIONS)
+                )
+        units.check(self.first.source)
+        self.share_strays()
+        self.ask_for_what_lacks()
+        for question in differing_units(self.recordings, out.columns, self.claimed.claims):
+            out.questions.append(question)
+            out.columns |= {name: out.columns[name].but(trust=ASK) for name in question.about}
+        return out
 
     def find_time(self) -> None:
-        """The clock, and what is wrong with columns that look like one."""
-        clock = find_clock(self.first)
+        """The clock, and the columns that are claimed beside it."""
+        clock = find_clock(self.first, claims_of(self.first, self.known))
         self.time = clock.name
-        self.out.unused |= clock.unused
-        self.put("time", clock.read)
+        self.out.put("time", clock.line)
+        if self.timed:
+            steps = np.diff(self.clock(self.first))
+            repeated = int((steps == 0.0).sum())
+            if 0 < repeated <= REPEATED * len(steps) + 1 and not (steps < 0.0).any():
+                self.out.keep[""] = [f"later({clock.line.text})"]
+        lists = lists_of(self.first)
+        taken = {*clock.unused, *names_in(clock.line.text), *(name for names in lists.values() for name in names)}
+        self.claimed = placed(self.first, self.known, taken)
+        put_lists(lists, self.claimed, self.first, self.clock(self.first))
+        self.out.unused |= clock.unused | self.claimed.aside
+        for name in self.claimed.nobodys:
+            values = self.moved(name).columns[name]
+            why = "nobody says what it is: no dialect has it, and its name says no signal of a log"
+            if span(values) <= 0.0:
+                why = "it never changes"
+            elif (np.diff(values) == 1.0).all():
+                why = "it counts the samples"
+            self.out.unused[name] = why
+        self.out.unused |= self.first.left
 
-    def sort_by_name(self) -> None:
-        """Columns by joint and signal, as the format or their names say."""
-        known = {*SIGNAL_UNITS, "load"}
-        found: list[tuple[str, str, Column]] = []
-        listed = {name for names in self.lists.columns.values() for name in names}
-        for name, spoken in said_together(name for name in self.first.columns if name not in listed).items():
-            if name in self.out.unused or name in names_in(self.out.columns["time"].text):
+    def choose(self, signals: dict[str, list[Claim]]) -> dict[str, Claim]:
+        """One of several columns of each signal; of the others it is said why they are left out."""
+        chosen = {}
+        for signal, claims in signals.items():
+            if not claims:
                 continue
-            role = self.first.roles.get(name)
-            unit = self.first.units.get(name, "")
-            if role and role != "time":
-                joint, _, signal = role.rpartition(".")
-                column = Column(name, spoken, unit or spoken.unit, "the format", True)
-                found.append((joint, signal, column))
-            elif spoken.signal in known:
-                column = Column(name, spoken, spoken.unit, spoken.by, False)
-                found.append((spoken.joint, spoken.signal, column))
-            elif spoken.signal == "time":
-                self.out.unused[name] = "another clock"
-            elif spoken.signal:
-                self.out.unused[name] = f"{spoken.signal}, which the log has no column for"
-            else:
-                self.unknown.append(name)
-        found = parted(found)
-        joints = {joint for joint, _, column in found if not column.by_format}
-        moving = {joint for joint, signal, _ in found if signal in ("position", "goal", "velocity")}
-        single = len({plain(joint) for joint in moving}) <= 1
-        for joint, signal, column in found:
-            if not column.by_format:
-                joint = self.joint_of(joint, single, joints, moving)
-                unexplained = single and plain(column.said.joint).isalpha() and column.said.joint != joint
-                column = replace(column, rest=column.rest or (column.said.joint if unexplained else ""))
-            self.groups.setdefault(joint, {}).setdefault(signal, []).append(column)
-        self.join_names()
-        self.join_strays()
-        self.match_goals()
-        self.lists.put(self.groups, self.first, self.clock(self.first))
-        self.by_motion |= self.lists.by_motion
-        self.out.unused |= self.lists.unused
+            best, *others = ranked(signal, claims)
+            chosen[signal] = best
+            self.out.unused |= {other.column: f"{signal} as well; {best.column} is taken" for other in others}
+        return chosen
 
-    def join_names(self) -> None:
-        """Joints that are one by their names, and a name for the one that has none beside others."""
-        names = pairs.same_joint(self.groups, self.same_motion)
-        if len(self.groups) > 1 and "position" in self.groups.get("", {}) and ONLY_JOINT not in self.groups:
-            names[""] = ONLY_JOINT
-        self.renamed = {f"{joint}_{ONLY_JOINT}": joint for joint in OTHER if joint in self.groups}
-        names |= {joint: name for name, joint in self.renamed.items()}
-        self.groups = renamed(self.groups, names)
+    def position(self, joint: str, chosen: dict[str, Claim], signals: dict[str, list[Claim]]) -> Position:
+        run = self.moved(chosen["position"].column)
+        way = any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
+        goals = tuple(run.columns[one.column] for one in signals.get("goal", []))
+        return Position(
+            chosen["position"], run.columns[chosen["position"].column], goals, way or bare(joint) in self.slides
+        )
 
-    def same_motion(self, joint: str, other: str) -> bool:
-        """Whether two joints have the same position, by their numbers."""
-        first, second = (self.first.columns[self.groups[one]["position"][0].name] for one in (joint, other))
-        return same_motion(first, second)
-
-    def find_positions(self) -> None:
-        """Positions that no name says: what is called as a joint with a goal, and what follows a goal."""
-        for joint, signals in list(self.groups.items()):
-            named = [name for name in self.unknown if joint and said(name).joint == joint]
-            if "position" not in signals and named and signals.keys() & {*COMMANDS}:
-                self.unknown.remove(named[0])
-                signals["position"] = [Column(named[0], said(named[0]), said(named[0]).unit, "the name", False)]
-        if any("position" in signals for signals in self.groups.values()):
-            return
-        goals = [(joint, signals["goal"][0].name) for joint, signals in self.groups.items() if "goal" in signals]
-        moving = [name for name in self.unknown if span(self.first.columns[name]) > 0.0]
-        if len(goals) > 1:
-            return
-        joint, goal = goals[0] if goals else (ONLY_JOINT, None)
-        pair = pairs.best_pair(moving, self.relation, goal)
-        if pair is None:
-            return
-        signals = self.groups.setdefault(joint, {})
-        for signal, name in (("goal", pair[0]), ("position", pair[1])):
-            if signal not in signals:
-                self.unknown.remove(name)
-                signals[signal] = [Column(name, said(name), said(name).unit, "the name", False)]
-        self.out.questions.append(pairs.who_moves(joint, pair))
-
-    def relation(self, first: str, second: str) -> Relation:
-        """How much later than one column another one moves."""
-        return following(self.clock(self.first), self.first.columns[first], self.first.columns[second])
-
-    def join_strays(self) -> None:
-        """What drives a joint goes to the only position there is, whatever else their names say."""
-        measured = [joint for joint, signals in self.groups.items() if signals.get("position")]
-        if len(measured) != 1:
-            return
-        own = self.groups[measured[0]]
-        for joint, signals in list(self.groups.items()):
-            for signal in [*COMMANDS, "velocity", "goal_velocity"]:
-                if joint == measured[0] or signal not in signals or signal in own:
-                    continue
-                if plain(joint) and not self.goes_along(signals[signal][0], own["position"][0]):
-                    continue
-                own[signal] = signals.pop(signal)
-
-    def match_goals(self) -> None:
-        """Goals that no name puts to a joint, as of a list without names, go to the joint that follows them."""
-        self.by_motion |= match_goals(self.groups, self.relation)
-
-    def goes_along(self, column: Column, base: Column) -> bool:
-        """Whether a position moves as a goal, or its derivative as a velocity."""
-        run = self.moved(base.name)
-        time, position, values = self.clock(run), run.columns[base.name], run.columns[column.name]
-        goes = following(time, values, position)
-        return (goes.fit > pairs.FOLLOWS and goes.lag >= 0.0) or as_derivative(time, position, values).fit > 0.9
-
-    def joint_of(self, joint: str, single: bool, joints: set[str], moving: set[str]) -> str:
-        """The joint that a name's rest means."""
-        by_format = {role.rpartition(".")[0] for role in self.first.roles.values() if role != "time"}
-        if single:
-            return next(iter(by_format)) if len(by_format) == 1 else (plain(next(iter(moving), "")) or ONLY_JOINT)
-        ends = [known for known in by_format | moving if known and joint.endswith(f"_{known}")]
-        return max(ends, key=len) if ends and joint not in moving else joint
-
-    def place_unknown(self) -> None:
-        """Columns whose names say nothing, by what their numbers do."""
-        for name in self.unknown:
-            self.out.unused[name] = self.place(name)
-        self.out.unused = {name: why for name, why in self.out.unused.items() if why} | self.first.left
-
-    def place(self, name: str) -> str:
-        """Put one column where its numbers belong; or say why it is not used."""
-        values = self.moved(name).columns[name]
-        if why := no_signal(values):
-            return why
-        for joint, signals in self.groups.items():
-            for other in signals.get("position", []):
-                run = self.moved(other.name)
-                time, position, values = self.clock(run), run.columns[other.name], run.columns[name]
-                column = Column(name, said(name), "", "its name", False)
-                slope = as_derivative(time, position, values)
-                if slope.fit > 0.9 and "velocity" not in signals:
-                    signals["velocity"] = [column]
-                    return ""
-                goes = following(time, values, position)
-                if goes.fit > pairs.FOLLOWS and goes.lag > 0.0 and "goal" not in signals and 0.2 < goes.scale < 5.0:
-                    signals["goal"] = [column]
-                    return ""
-                share = drives(time, position, values)
-                if share > DRIVES:
-                    asked = pairs.what_drives(joint, name, share, self.first.facts)
-                    self.out.columns[f"{joint}.torque_command"] = asked[0]
-                    self.out.questions.append(asked[1])
-                    return "in question"
-        return "its name says no signal of the log, and its numbers do not go with a motion"
-
-    def read_joint(self, joint: str, signals: dict[str, list[Column]]) -> None:
-        """The columns of one joint, their units and what they say of each other."""
-        self.untwist(joint, signals)
-        chosen = {signal: self.choose(signal, columns) for signal, columns in signals.items() if columns}
-        base = chosen["position"]
-        run = self.moved(base.name)
-        position = run.columns[base.name]
-        says_way = any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
-        slide = says_way or bare(joint) in self.slides
-        read = self.answer.position(base, position, slide)
+    def read_joint(self, joint: str, chosen: dict[str, Claim], position: Position, units: Positions) -> None:
+        """The lines of one joint."""
+        out, run = self.out, self.moved(position.claim.column)
         speed = chosen.get("velocity")
-        time = self.clock(run) if self.timed else None
-        slope = slope_beside(time, position, run.columns[speed.name] if speed else None)
-        read = counted_by_velocity(read, base.name, position, speed.unit if speed else "", slope)
-        if measures(read.unit, "way"):
-            self.out.slides.add(joint)
-        if joint in self.renamed:
-            read = replace(read, why=f"{read.why}; {joint}, for {self.renamed[joint]}.* means no joint in a log")
-        self.put(f"{joint}.position", read)
-        for signal, column in chosen.items():
-            values = run.columns[column.name]
+        goes = self.slope(run, position.values, speed)
+        base = counted_by_velocity(units.line(position), position.claim, position.values, speed, goes)
+        if measures(base.unit, "way"):
+            out.slides.add(joint)
+        if joint in self.claimed.renamed:
+            base = base.but(why=f"{base.why}; {joint}, for {self.claimed.renamed[joint]}.* means no joint in a log")
+        self.put(f"{joint}.position", base, position.claim)
+        for signal, claim in chosen.items():
+            values, moved = run.columns[claim.column], self.moved(claim.column).columns[claim.column]
             if signal in ("position", "goal_velocity"):
                 continue
-            if signal in MEASURED_BY_MOTION and span(self.moved(column.name).columns[column.name]) == 0.0:
-                self.out.unused[column.name] = f"a {signal} that never changes is not measured"
-                continue
-            if signal in ("goal", "link_position"):
-                held = held_goal(values) if signal == "goal" else None
-                steady = values if held is None else held
-                goes = following(self.clock(run), steady, position)
-                other = self.answer.alike(column, read, goes)
-                if signal == "goal":
-                    action = read_action(other, goes, steady, position, read)
-                    if action is not None:
-                        self.actions[f"{joint}.goal"] = action
-                    other = pairs.in_order(other, goes, column.name in self.by_motion, read, self.timed, action)
-                    if goes.fit < TELLS and both_move_apart(self.clock(run), steady, position, TELLS):
-                        other = pairs.unfollowed(other, column.name, read, self.follower(column.name))
-                    other = pairs.no_reading(other, (column.name, values), (base.name, position))
-                if held is not None:
-                    other = held_read(other, column.name, values)
-                    self.out.keep[joint] = kept_samples(column.name, held, base.name, position)
-                self.put(f"{joint}.{signal}", other)
+            if why := self.no_signal(signal, moved):
+                out.unused[claim.column] = why
+            elif signal == "goal":
+                self.read_goal(joint, claim, run, position, base, units)
+            elif signal == "link_position":
+                relation = following(self.clock(run), values, position.values)
+                self.put(f"{joint}.{signal}", units.goal(claim, base, relation), claim)
             elif signal == "velocity":
-                unit = without_doubt(column.unit)
-                other = read_velocity(column.name, unit, column.how, slope, read)
-                self.put(f"{joint}.velocity", with_sign(other, column.name, values))
+                self.put(f"{joint}.velocity", velocity_line(claim, values, goes, base), claim)
             elif signal == "load":
                 wraps = " (65527 is -9 as a number of 16 bits: signed16(load))" if np.nanmax(values) > 32767 else ""
-                self.out.unused[column.name] = f"a register without a unit{wraps}, no torque"
+                out.unused[claim.column] = f"a register without a unit{wraps}, no torque"
             else:
-                whole = self.moved(column.name).columns[column.name]
-                other = read_other(signal, column.name, whole, column.unit, column.how, column.rest)
-                self.put(f"{joint}.{signal}", other)
-        place_goal_velocity(self.out, joint, chosen, run.columns, time)
+                self.put(f"{joint}.{signal}", drive_line(signal, claim, moved), claim)
+        self.read_goal_velocity(joint, chosen, run)
 
-    def leave_out_strays(self) -> None:
-        """Joints that have no position: shared columns such as a supply go to the only joint, others are left out."""
-        placed = {name for read in self.out.columns.values() for name in taken(read.text, self.first)}
-        for joint, signals in self.groups.items():
-            if signals.get("position"):
-                continue
-            for signal, columns in signals.items():
-                for column in columns:
-                    only = self.out.joints[0] if len(self.out.joints) == 1 else None
-                    target = f"{only}.{signal}"
-                    if signal == "voltage" and not only and not plain(joint):
-                        self.share(column)
-                    elif (
-                        only
-                        and signal in ("voltage", "temperature", "enabled", "current", "duty")
-                        and target not in self.out.columns
-                    ):
-                        values = self.moved(column.name).columns[column.name]
-                        self.put(target, read_other(signal, column.name, values, column.unit, column.how))
-                    elif column.name not in placed:
-                        self.out.unused[column.name] = f"{signal} of '{joint}', which has no position"
-        if not self.out.joints:
+    def read_goal(
+        self, joint: str, claim: Claim, run: Recording, position: Position, base: Line, units: Positions
+    ) -> None:
+        """The goal of a joint, with how late its position comes, and what speaks against its being one."""
+        values = run.columns[claim.column]
+        known = np.isfinite(values)
+        sparse = bool(known.any()) and 1.0 - known.mean() > SPARSE
+        steady = hold(values) if sparse else values
+        goes = following(self.clock(run), steady, position.values)
+        line = units.goal(claim, base, goes)
+        if is_action(claim):
+            line = self.actions[f"{joint}.goal"] = action_line(line, goes, steady, position.values, base)
+        line = doubted(line, goes, base, self.timed)
+        if goes.fit < TOLD_FIT and move_apart(self.clock(run), steady, position.values, TOLD_FIT):
+            line = line.asking("the position does not follow it", UNFOLLOWED, base)
+        line = no_reading(line, (claim.column, values), (position.claim.column, position.values))
+        if sparse:
+            text = line.text.replace(quoted(claim.column), f"hold({quoted(claim.column)})", 1)
+            why = f"{line.why}; {int(known.sum())} of {len(values)} samples have a goal: each is held until the next"
+            line = line.but(text=text, trust=LIKELY if line.trust == SURE else line.trust, why=why)
+            self.out.keep[joint] = [
+                *[f"known(hold({quoted(claim.column)}))"] * bool(np.isnan(steady).any()),
+                *[f"known({quoted(position.claim.column)})"] * bool(np.isnan(position.values).any()),
+            ]
+        self.put(f"{joint}.goal", line, claim)
+
+    def read_goal_velocity(self, joint: str, chosen: dict[str, Claim], run: Recording) -> None:
+        """A commanded velocity beside its goal; where that cannot be, why it is left out."""
+        claim, goal = chosen.get("goal_velocity"), self.out.columns.get(f"{joint}.goal")
+        if claim is None:
+            return
+        values = run.columns[claim.column]
+        if goal is None:
+            self.out.unused[claim.column] = "a commanded velocity beside no goal"
+            return
+        if span(values) == 0.0 and not values[np.isfinite(values)].any():
+            self.out.unused[claim.column] = "a commanded velocity of zero"
+            return
+        goes = self.slope(run, run.columns[chosen["goal"].column], claim)
+        line = goal_velocity_line(claim, values, goes, goal)
+        if line.trust == ASK:
+            self.out.unused[claim.column] = f"a commanded velocity in a unit that is not known: {line.why}"
+        else:
+            self.out.columns[f"{joint}.goal_velocity"] = line
+
+    def no_signal(self, signal: str, values: Array) -> str:
+        """Why a column is no such signal at all; empty where it may be one."""
+        known = np.abs(values[np.isfinite(values)])
+        if signal in MEASURED_BY_MOTION and span(values) == 0.0:
+            return f"a {signal} that never changes is not measured"
+        odd = known[(known > GARBAGE) | ((known > 0.0) & (known < GARBAGE**-20))]
+        if signal not in ("position", "goal") and len(odd):
+            return f"it holds {odd[0]:.3g}, which is no {signal.replace('_', ' ')} but memory that nobody wrote"
+        return ""
+
+    def share_strays(self) -> None:
+        """Columns of no joint with a position: a supply is of all joints, what names none of the only one."""
+        out = self.out
+        for joint, signals in self.claimed.groups.items():
+            for signal, claims in signals.items() if not signals.get("position") else ():
+                for claim in claims:
+                    for_all = signal == "voltage" and not plain(joint)
+                    alone = signal in ("voltage", "temperature", "enabled", "current", "duty") and len(out.joints) == 1
+                    targets = (
+                        [one for one in out.joints if f"{one}.{signal}" not in out.columns] if for_all or alone else []
+                    )
+                    for target in targets:
+                        values = self.moved(claim.column).columns[claim.column]
+                        out.put(f"{target}.{signal}", drive_line(signal, claim, values))
+                    if not targets:
+                        out.unused.setdefault(claim.column, f"{signal} of '{joint}', which has no position")
+
+    def ask_for_what_lacks(self) -> None:
+        """A log needs a position, and what drove the joint."""
+        out = self.out
+        if not out.joints:
+            free = ", ".join(map(quoted, self.claimed.nobodys[:8]))
             ask = "which column is the position of a joint? Write <joint>.position: <column>, in rad (slide: m)"
-            self.out.questions.append(Question((f"{ONLY_JOINT}.position",), ask))
-
-    def share(self, column: Column) -> None:
-        """A supply that all joints have."""
-        values = self.moved(column.name).columns[column.name]
-        for joint in self.out.joints:
-            if f"{joint}.voltage" not in self.out.columns:
-                self.put(f"{joint}.voltage", read_other("voltage", column.name, values, column.unit, column.how))
-
-    def ask_for_commands(self) -> None:
-        """A joint that nothing drives is no log of a drive."""
-        needed = COMMANDS if len(self.out.joints) == 1 else TOLD  # of a robot a measured torque is no command
-        for joint in self.out.joints:
+            ask += f", and its goal as <joint>.goal. Nobody says what these are: {free}" if free else ""
+            out.questions.append(Question((f"{ONLY_JOINT}.position",), ask))
+        needed = COMMANDS if len(out.joints) == 1 else TOLD  # of a robot a measured torque is no command
+        for joint in out.joints:
             names = [f"{joint}.{signal}" for signal in needed]
-            if not any(name in self.out.columns for name in names):
-                own = self.groups[joint]["position"][0].name
-                others = [self.groups[other]["position"][0].name for other in self.out.joints if other != joint]
-                pair = next((pair for other in others if (pair := pairs.best_pair([own], self.relation, other))), None)
-                self.out.questions.append(pairs.what_commands(joint, names, pair))
-
-    def follower(self, goal: str) -> str:
-        """The position that follows a goal, by its column; empty where none does."""
-        positions = (signals["position"][0].name for signals in self.groups.values() if signals.get("position"))
-        return next((position for position in positions if pairs.best_pair([position], self.relation, goal)), "")
+            if not any(name in out.columns for name in names):
+                ask = f"what was commanded to {joint}? It needs {' or '.join(names)}"
+                out.questions.append(Question((f"{joint}.goal",), ask))
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 
-    def put(self, name: str, read: Read) -> None:
-        """Take a column into the proposal, with its question."""
-        if ask := next((self.lists.asked[name] for name in names_in(read.text) if name in self.lists.asked), ""):
-            read = replace(read, trust=ASK, why=f"{read.why}; no name says whose it is", ask=ask)
-        self.out.columns[name] = read
-        if read.trust == ASK:
-            ask = read.ask or read.why
-            same = next((q for q in self.out.questions if q.ask == ask), None)
-            if same:
-                self.out.questions[self.out.questions.index(same)] = Question((*same.about, name), ask)
-            else:
-                self.out.questions.append(Question((name,), ask))
+    def put(self, name: str, line: Line, claim: Claim) -> None:
+        """Take a column into the proposal, with the question of its claim."""
+        self.out.put(name, line.but(trust=ASK, ask=claim.ask) if claim.ask and not claim.formula else line)
+
+    def slope(self, run: Recording, values: Array, claim: Claim | None) -> Relation | None:
+        """How a velocity, where there is one, goes with the derivative of an angle; None where no time is known."""
+        if not self.timed:
+            return None
+        return Relation() if claim is None else as_derivative(self.clock(run), values, run.columns[claim.column])
 
     def moved(self, name: str) -> Recording:
         """The recording in which a column changes most."""
         return max(self.recordings, key=lambda run: span(run.columns[name]))
-
-    def base_and_goals(self, signals: dict[str, list[Column]]) -> tuple[Column, Array, list[Array]]:
-        """The position of a joint, and its goals in the same recording."""
-        base = self.choose("position", signals["position"])
-        run = self.moved(base.name)
-        return base, run.columns[base.name], [run.columns[one.name] for one in signals.get("goal", [])]
 
     @property
     def timed(self) -> bool:
@@ -382,17 +341,51 @@ class _Proposer:
         """Time of a recording [s], as far as it is known."""
         if not self.time:
             return np.arange(run.length, dtype=np.float64) * 0.01
-        seconds = np.asarray(evaluate(self.out.columns["time"].text, known_names(run), str(run.source)), np.float64)
+        seconds = np.asarray(evaluate(self.out.columns["time"].text, run.known_names(), str(run.source)), np.float64)
         return seconds - seconds[0]
 
-    def untwist(self, joint: str, signals: dict[str, list[Column]]) -> None:
-        """``qd`` may be the derivative or the wanted one: the numbers tell."""
-        base = self.choose("position", signals["position"])
-        run = self.moved(base.name)
-        untwist(signals, lambda name: as_derivative(self.clock(run), run.columns[base.name], run.columns[name]))
 
-    def choose(self, signal: str, columns: list[Column]) -> Column:
-        """One of several columns of the same signal; of the others it is said why they are left out."""
-        best, left = best_of(signal, columns, self.first)
-        self.out.unused |= left
-        return best
+def spelled(proposal: Proposal, columns: Collection[str], robot: Collection[str] = ()) -> Proposal:
+    """A proposal whose joints are called as in the robot's file; joints that it lacks as in the header, where that has
+    ``<joint>.<signal>``.
+
+    Args:
+        proposal: with joints whose names were put together from words.
+        columns: header of the file.
+        robot: names of the robot's joints.
+    """
+    headers = {match[1] for name in columns if (match := AS_A_LOG.fullmatch(name))}
+    mine = Counter(bare(joint) for joint in proposal.joints)
+    names: dict[str, str] = {}
+    for joint in proposal.joints:
+        for known in (robot, headers):
+            alike = {name for name in known if bare(name) == bare(joint)}
+            alike = alike or {name for name in known if bare(said(name).joint) == bare(joint)}  # dof_1, read as joint1
+            if len(alike) == 1 and mine[bare(joint)] == 1:
+                names[joint] = alike.pop()
+                break
+    return _renamed(proposal, {old: new for old, new in names.items() if old != new}, columns)
+
+
+def _renamed(proposal: Proposal, names: dict[str, str], columns: Collection[str]) -> Proposal:
+    """A proposal with other names of joints, in its lines and its questions."""
+    if not names:
+        return proposal
+
+    def column(name: str) -> str:
+        joint, _, signal = name.rpartition(".")
+        return f"{names.get(joint, joint)}.{signal}" if joint else name
+
+    words = dict(names) | {name: column(name) for name in proposal.columns} | {name: name for name in columns}
+    words |= {f"{old}.{signal}": f"{new}.{signal}" for old, new in names.items() for signal in COMMANDS}
+    pattern = "|".join(re.escape(word) for word in sorted(words, key=len, reverse=True))
+    spoken = re.compile(rf"(?<![\w.\]])(?:{pattern})(?![\w\[])")
+    questions = [
+        replace(one, about=tuple(map(column, one.about)), ask=spoken.sub(lambda match: words[match[0]], one.ask))
+        for one in proposal.questions
+    ]
+    return Proposal(
+        {column(name): line for name, line in proposal.columns.items()}, proposal.unused, questions,
+        {names.get(joint, joint) for joint in proposal.slides},
+        {names.get(joint, joint): kept for joint, kept in proposal.keep.items()},
+    )  # fmt: skip

@@ -12,11 +12,10 @@ import numpy as np
 from ....envs.described.robot_file import is_robot_file, load_robot_file
 from ..types import Array, LogError, MeasuredRun
 from .expression import column
-from .mapping import known_names
-from .proposed import Proposal
+from .lines import ASK
+from .positions import PERCENT
+from .proposal import Proposal
 from .recording import Recording
-from .steps import PERCENT
-from .units import ASK
 
 POSITIONS = ("position", "goal", "link_position")
 HALF_TURN = math.pi
@@ -87,7 +86,7 @@ def far_in_proposal(
     read = {name: one for name, one in sure.items() if _joint(name, ranges)}
     return _far(
         (
-            (name, column(one.text, known_names(run), str(run.source), run.length))
+            (name, column(one.text, run.known_names(), str(run.source), run.length))
             for run in recordings
             for name, one in read.items()
         ),

@@ -27,13 +27,14 @@ class Recording:
     Attributes:
         name: of the run, a plain file name.
         columns: by their names in the file, each of shape (n,).
-        facts: single numbers and words of the file or of a file beside it: mass, gains, names.
         source: file it was read from.
         kind: of the file: ``table``, ``bam``, ``lerobot``, ``ros``, ``matlab``.
+        facts: single numbers and words of the file or of a file beside it: mass, gains, names.
         roles: what the format itself says of a column: ``joint.signal`` or ``time`` by column name.
         notes: what the reader did, for people.
         units: what the format itself says of a column's unit, by column name.
         left: why a column of the file is none of numbers, by its name there.
+        parts: joint and name there, of columns that the file has once for each joint.
     """
 
     name: str
@@ -45,38 +46,40 @@ class Recording:
     notes: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     left: dict[str, str] = field(default_factory=dict)
+    parts: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def length(self) -> int:
         """Samples."""
         return len(next(iter(self.columns.values()), ()))
 
+    def known_names(self) -> dict[str, Any]:
+        """Columns (n,) and numbers that expressions may take, with the number of the sample, ``row``."""
+        numbers = {key: value for key, value in self.facts.items() if not isinstance(value, str)}
+        return {"row": np.arange(self.length, dtype=np.float64), **numbers, **self.columns}
 
-def facts_beside(path: Path) -> tuple[dict[str, float | str], list[str]]:
-    """Numbers and words of ``<name>.meta.json`` or ``<name>.json`` beside a table, and notes; of a
-    ``<name>.json`` that is of something else a note alone.
+
+def facts_beside(path: Path) -> tuple[dict[str, float | str], tuple[str, ...]]:
+    """Numbers and words of ``<name>.meta.json`` or ``<name>.json`` beside a table, and notes.
 
     Raises:
         LogError: the file that is called meta cannot be read, or is no mapping.
     """
-    for ending in (".meta.json", ".meta.yaml", ".json"):
-        beside = path.with_suffix(ending)
-        if beside == path or not beside.is_file():
-            continue
-        fault, content = "", None
-        try:
-            content = read_json(beside) if ending.endswith("json") else read_yaml(beside)
-        except DocumentError as error:
-            fault = error.problem
-        if not fault and not isinstance(content, Mapping):
-            fault = "must be a mapping of names to numbers"
-        facts = plain_facts(content) if isinstance(content, Mapping) else {}
-        if ending == ".json" and not facts:
-            return {}, [f"{beside.name} has no numbers by their names and is not read"]
-        if fault:
-            raise LogError(f"{beside}: {fault}; correct or remove it.")
-        return facts, []
-    return {}, []
+    endings = (".meta.json", ".meta.yaml", ".json")
+    found = [path.with_suffix(ending) for ending in endings if path.with_suffix(ending) != path]
+    beside = next((file for file in found if file.is_file()), None)
+    if beside is None:
+        return {}, ()
+    try:
+        content, fault = (read_yaml if beside.suffix == ".yaml" else read_json)(beside), ""
+    except DocumentError as error:
+        content, fault = None, error.problem
+    facts = plain_facts(content) if isinstance(content, Mapping) else {}
+    if not facts and ".meta." not in beside.name:
+        return {}, (f"{beside.name} has no numbers by their names and is not read",)
+    if not isinstance(content, Mapping):
+        raise LogError(f"{beside}: {fault or 'must be a mapping of names to numbers'}; correct or remove it.")
+    return facts, ()
 
 
 def plain_facts(content: Mapping[str, Any]) -> dict[str, float | str]:

@@ -9,9 +9,9 @@ from typing import Any
 import yaml
 
 from .expression import quoted
-from .proposed import Proposal
+from .lines import ASK, LIKELY
+from .proposal import Proposal
 from .recording import Recording
-from .units import ASK, LIKELY
 
 WIDTH = 118
 MARKS = {ASK: "? ", LIKELY: "likely: "}

@@ -23,13 +23,13 @@ from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
 from ..writer import FROM
-from .drives import Chain, of_one_servo, shipped_chain
-from .formats import read_source
-from .impedance import impedance_chains
+from .drives import Chain, impedance_chains, of_one_servo, shipped_chain
 from .mapping import Mapping as LogMapping
-from .proposed import Proposal
+from .names import Claim
+from .positions import PERCENT
+from .proposal import Proposal
+from .readers import read_source
 from .recording import Recording
-from .steps import PERCENT
 
 BENCH = "bench"
 A_SLIP = 0.8
@@ -63,6 +63,7 @@ def proposed_sidecar(
     actuator: Chain | None,
     params: Mapping[str, float] | None = None,
     limits: Mapping[str, float] | None = None,
+    claims: Mapping[str, Claim] | None = None,
 ) -> dict[str, Any]:
     """The sidecar that files and answers give; what nobody says is left out.
 
@@ -85,7 +86,7 @@ def proposed_sidecar(
         sidecar["actuators"] = dict.fromkeys(joints, actuator)
     elif of_one_servo(first, joints) and driven and (chain := shipped_chain(facts)):
         sidecar["actuators"] = {driven[0]: chain}
-    elif driven and (chains := impedance_chains(recordings, proposal, limits)):
+    elif driven and (chains := impedance_chains(recordings, proposal, claims or {}, limits)):
         sidecar["actuators"] = chains
     if "kp" in facts and pendulum:
         sidecar["group"] = "kp${kp}"

@@ -1,0 +1,150 @@
+"""LeRobot data sets, versions 2.x and 3.0: ``meta/info.json`` says which columns of the Parquet files are what.
+
+Of version 2.x each episode is a file, of 3.0 a file holds several; the column ``episode_index`` parts them in both.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+from pyarrow import ArrowInvalid, parquet
+
+from .....actuators.chain import load_chain
+from .....common.documents import DocumentError, read_json
+from ...types import LogError
+from ..recording import Recording
+from .cells import numeric_columns
+from .tables import read_parquet
+
+INFO = Path("meta/info.json")
+MEASURED = "observation.state"
+NAMED = (MEASURED, "action", "observation.velocity", "observation.effort", "observation.current")
+"""Features whose places are joints."""
+FOLLOWERS = re.compile(r"(bi_)?so(100|101)?(_follower)?\Z")
+"""Types of the robots on whose STS3215 LeRobot sets gains of its own at every start."""
+CHAIN = "sts3215"
+FACTORY_P, SET_P = 32, 16
+"""Register P of the servo: from the factory, which :data:`CHAIN` has, and as LeRobot sets it beside I 0, D 32 and
+acceleration 254 (configure in src/lerobot/robots/so_follower/so_follower.py)."""
+
+
+def is_lerobot(folder: Path) -> bool:
+    """Whether a folder is such a data set."""
+    return (folder / INFO).is_file()
+
+
+def read_lerobot(folder: Path) -> list[Recording]:
+    """A recording for each episode.
+
+    Raises:
+        LogError: the data set is incomplete or of a version that is not read, or says nothing of a robot's joints.
+    """
+    try:
+        info = read_json(folder / INFO)
+    except DocumentError as error:
+        raise LogError(f"{folder / INFO}: {error.problem}; download it again.") from None
+    if not isinstance(info, dict):
+        raise LogError(f"{folder / INFO}: is no mapping; download it again.")
+    version = str(info.get("codebase_version", ""))
+    if not re.match(r"v?[23]\.", version):
+        raise LogError(f"{folder / INFO}: the data set is of version {version or 'unknown'}; 2.x and 3.x are read.")
+    files = sorted((folder / "data").rglob("*.parquet"))
+    if not files:
+        raise LogError(f"{folder}: has no Parquet file under data/; download the data set whole (no video is needed).")
+    features = info.get("features") or {}
+    numbers = {name for name in features if str(features[name].get("dtype", "")).startswith(("float", "int", "bool"))}
+    if MEASURED not in numbers:
+        raise LogError(f"{folder}: has no '{MEASURED}', so it says nothing of a robot's joints.")
+    named = [name for name in NAMED if name in numbers]
+    robot = str(info.get("robot_type") or "")
+    notes = [
+        "timestamps are the frame's number over the frame rate, not read from a clock",
+        *(note for name in named for note in _nameless(name, features[name])),
+        *([_gains(robot)] if FOLLOWERS.match(robot) else []),
+    ]
+    table = pd.concat([_file(path, named) for path in files], ignore_index=True)
+    facts: dict[str, float | str] = {"fps": float(info.get("fps") or 0.0), "robot_type": robot}
+    episodes = (
+        (int(number), table[table["episode_index"] == number]) for number in sorted(set(table["episode_index"]))
+    )
+    return [
+        Recording(f"episode_{number:06d}", _columns(own, features), folder, "lerobot", facts, notes=tuple(notes))
+        for number, own in episodes
+    ]
+
+
+def _file(path: Path, named: list[str]) -> pd.DataFrame:
+    """The columns of a file that are of joints, with their time and episode."""
+    try:
+        there = parquet.read_schema(path).names
+    except (ArrowInvalid, OSError):
+        raise LogError(f"{path}: is not a Parquet file, or a damaged one; download it again.") from None
+    for needed in ("timestamp", "episode_index"):
+        if needed not in there:
+            raise LogError(f"{path}: has no column '{needed}', which every LeRobot data set has.")
+    return read_parquet(path, [name for name in (*named, "timestamp", "episode_index") if name in there])
+
+
+def _columns(table: Any, features: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Columns of an episode, those of features by the names of their places."""
+    cells = numeric_columns(table.sort_values("timestamp").drop(columns="episode_index")).columns
+    out, measured = {"timestamp": cells.pop("timestamp")}, _names(features[MEASURED])
+    for name, values in cells.items():
+        feature, _, place = name.partition("[")
+        index = int(place[:-1] or 0)
+        called = _names(features.get(feature, {}))
+        called = called if index < len(called) else measured
+        out[f"{feature}.{called[index] if index < len(called) else f'joint{index}'}"] = values
+    return out
+
+
+def _gains(robot: str) -> str:
+    """What LeRobot sets on the servos of a robot, and the chain that has it."""
+    chain = load_chain(CHAIN)
+    gain = chain.value("position_p.gain")
+    halved = chain.with_value("position_p.gain", gain * SET_P / FACTORY_P).to_list()
+    text = yaml.safe_dump(halved, default_flow_style=True, width=10**6, sort_keys=False).strip()
+    return (
+        f"LeRobot sets P {SET_P}, I 0, D 32 and acceleration 254 on the servos of {robot}, and the chain {CHAIN} has "
+        f"the factory's P {FACTORY_P}: halve its gain, actuator=so101_servo.yaml, a file with the line `{text}`"
+    )
+
+
+def _names(feature: Mapping[str, Any]) -> list[str]:
+    """Names of a feature's places: as it says them, or none but their count."""
+    count, said = _count(feature), _said(feature.get("names"))
+    return said if len(said) == len(set(said)) == count else [f"joint{k}" for k in range(count)]
+
+
+def _count(feature: Mapping[str, Any]) -> int:
+    return int(np.prod(feature.get("shape") or [0]))
+
+
+def _said(names: Any) -> list[str]:
+    """Names that stand in a list, in lists within it, within a mapping, or as a mapping to their places."""
+    if isinstance(names, Mapping):
+        values = list(names.values())
+        if all(isinstance(value, int) for value in values):
+            return [str(name) for name in sorted(names, key=lambda name: names[name])]
+        return next((_said(value) for value in values), [])
+    if isinstance(names, list):
+        return [word for one in names for word in (_said(one) if isinstance(one, list | Mapping) else [str(one)])]
+    return []
+
+
+def _nameless(feature: str, content: Mapping[str, Any]) -> list[str]:
+    """A note on names that do not name the places of a feature."""
+    said, count = _said(content.get("names")), _count(content)
+    if not content.get("names") or len(said) == len(set(said)) == count:
+        return []
+    fault = f"{len(said)} names" if len(said) != count else "names that repeat"
+    return [
+        f"'{feature}' has {fault} for {count} numbers, so these are called joint0 to joint{count - 1} here: correct "
+        "'names' in meta/info.json"
+    ]

@@ -1,0 +1,333 @@
+"""Nested variables as recordings: vectors become columns, single numbers facts, structures joints, signals or runs.
+
+A structure is a mapping, an array of them a list of mappings, a cell a list of arrays.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...types import Array, LogError
+from ..clocks import clock_units, held, together
+from ..names import is_a, said
+from ..recording import Recording
+
+PREFIX = re.compile(r"(.*?\d+)_(.+)")
+"""``run1_t``: a name with its number, and the name of what is its own."""
+FEWEST_SERIES = 2
+"""Series beside its clock that a run has at least: one alone is a signal with its stamps."""
+HELD = frozenset(["goal", "goal_velocity", "torque_command"])
+"""Signals that hold until the next one is sent."""
+OF_A_SIGNAL = frozenset(["values", "dimensions", "label", "title", "plotStyle", "blockName", "stateName",
+                         "inReferencedModel", "sampleTime", "valueDimensions"])  # fmt: skip
+"""Fields that Simulink gives a signal."""
+
+Tree = Mapping[str, Any]
+
+
+def recordings_of(path: Path, kind: str, content: Tree) -> list[Recording]:
+    """The recordings that variables make: their vectors of one length; those of other lengths are left out and said.
+
+    Args:
+        path: file that holds them.
+        kind: of the file.
+        content: arrays, numbers, words, mappings and lists of these by name; None where what the file holds is none of
+            these.
+
+    Raises:
+        LogError: there are no vectors.
+    """
+    parts, notes = _parted(_flat(content))
+    return [
+        _recording(path, kind, _spread(run), name, notes)
+        for part, own in parts.items()
+        for name, run in _listed(_spread(own), f"{path.stem}-{part}" if part else path.stem).items()
+    ]
+
+
+# --- structures ------------------------------------------------------------------------------------------------------
+
+
+def _flat(content: Tree, above: str = "") -> dict[str, Any]:
+    """Variables, those of structures by their dotted names; a signal of Simulink is its values."""
+    out: dict[str, Any] = {}
+    for key, value in content.items():
+        if _is_signal(value):
+            out[_label(value) or f"{above}{key}"] = np.squeeze(value["values"])
+        else:
+            out |= _flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return out
+
+
+def _is_signal(value: Any) -> bool:
+    return isinstance(value, Mapping) and "values" in value and not value.keys() - OF_A_SIGNAL
+
+
+def _label(value: Tree) -> str:
+    """What a structure calls itself, as a column may be called."""
+    word = next((value[key] for key in ("label", "name") if isinstance(value.get(key), str)), "")
+    return re.sub(r"\W+", "_", word.strip()).strip("_")
+
+
+def is_structures(value: Any) -> bool:
+    """Whether a variable is an array of structures."""
+    return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
+
+
+def _spread(content: Tree) -> dict[str, Any]:
+    """Variables in which each array of structures that is no array of runs has become columns of one recording.
+
+    Signals of Simulink (``simout.signals(k).values``) are called by their labels, joints by their number, or by their
+    field ``name``.
+    """
+    out = {name: value for name, value in content.items() if not is_structures(value)}
+    for name, value in content.items():
+        if name in out:
+            continue
+        if not all(map(_is_signal, value)) and not _are_joints(name, value, content):
+            out[name] = value
+            continue
+        labels = [_label(one) for one in value]
+        if len({*labels} - {""}) < len(labels) or any(key.partition(".")[0] in labels for key in out):
+            labels = [f"{name}{k + 1}" for k in range(len(value))]
+        own = ({key: one[key] for key in one if key != "name"} for one in value)
+        out |= _spread(
+            _flat(
+                {
+                    label: dict(one, label=label) if _is_signal(one) else one
+                    for label, one in zip(labels, own, strict=True)
+                }
+            )
+        )
+    return out
+
+
+def _are_joints(name: str, value: Sequence[Tree], content: Tree) -> bool:
+    """Whether structures are a joint each: by the name of their array, or since their only clock lies outside it."""
+    fields = [{key.rpartition(".")[2]: one for key, one in _flat(own).items() if _is_vector(one)} for own in value]
+    words, lengths = _words(name.rpartition(".")[2]), {len(one) for own in fields for one in own.values()}
+    if any(said(key).signal == "time" for own in fields for key in own):
+        return False
+    if is_a("joints", *words) and not is_a("runs", *(words - {"log", "logs"})):  # servoLog
+        return True
+    clocks = {len(one) for key, one in content.items() if _is_vector(one) and said(key).signal == "time"}
+    return len(lengths) == 1 and not is_a("runs", *words) and bool(lengths & clocks)
+
+
+def _words(name: str) -> set[str]:
+    return set(re.findall("[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower()))
+
+
+def _is_vector(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 1 and len(value) > 1 and value.dtype.kind in "fiu"
+
+
+# --- runs ------------------------------------------------------------------------------------------------------------
+
+
+def _parted(flat: Tree) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
+    """Variables of each run by its name, where structures or prefixes are a run each, else all under an empty name; and
+    notes on what they were taken for. What stands beside the runs is in each of them."""
+    paths = {name: _path(name) for name in flat}
+    for above in sorted({path[:k] for path in paths.values() for k in range(len(path) - 1)}, key=len):
+        children: dict[str, dict[str, Any]] = {}
+        owner: dict[str, str] = {}
+        for name, path in paths.items():
+            if path[: len(above)] == above and len(path) > len(above) + 1:
+                owner[name] = child = path[len(above)]
+                own = name[len("".join(path[: len(above) + 1])) + len(above) + 1 :]
+                children.setdefault(child, {})[own] = flat[name]
+        runs, note = _siblings(children, above[-1] if above else "")
+        if runs:
+            shared = {name: value for name, value in flat.items() if owner.get(name) not in runs}
+            taken = any(own.keys() & shared.keys() for own in runs.values())
+            order = sorted(runs, key=lambda name: (len(name), name)) if _numbered(runs) else list(runs)
+            return {run: shared | {f"run.{name}" if taken else name: value for name, value in runs[run].items()}
+                    for run in order}, (note,) * bool(note)  # fmt: skip
+        if note:
+            return {"": dict(flat)}, (note,)
+    return {"": dict(flat)}, ()
+
+
+def _path(name: str) -> tuple[str, ...]:
+    """Parts of a name: those of structures, and at its end a number's prefix."""
+    *above, last = name.split(".")
+    match = PREFIX.fullmatch(last)
+    return (*above, match[1], match[2]) if match else (*above, last)
+
+
+def _numbered(names: Any) -> bool:
+    return len({re.sub(r"[_-]?\d+\Z", "", name) for name in names}) == 1 and all(name[-1:].isdigit() for name in names)
+
+
+def _siblings(children: dict[str, dict[str, Any]], above: str) -> tuple[dict[str, dict[str, Any]], str]:
+    """Those of the variables that lie side by side which are a run each, and a note on what they are taken for.
+
+    They are called so, or have a clock each, or are numbered and of different lengths. Several joints may have a clock
+    each, too: of one recording where all clocks are the same, and nothing is called a run.
+    """
+    forms: dict[frozenset[str], list[str]] = {}
+    for name, own in children.items():
+        if sum(map(_series, own.values())) >= FEWEST_SERIES and not said(name).signal:
+            forms.setdefault(frozenset(key for key, value in own.items() if _series(value)), []).append(name)
+    alike = max(forms.values(), key=len, default=[])
+    clocks = [clock for name in alike if (clock := _clock(children[name])) is not None]
+    timed = len(clocks) == len(alike) and all(
+        sum(map(_series, children[name].values())) > FEWEST_SERIES for name in alike
+    )
+    plural = is_a("runs", *(one for one in _words(above) - {"logs"} if one.endswith("s")))
+    called = all(
+        is_a("runs", *_words(name)) and (name[-1:].isdigit() or not _words(name) & {"log", "logs"}) for name in alike
+    )
+    lengths = {tuple(len(value) for value in children[name].values() if _series(value)) for name in alike}
+    called |= (plural and timed) or (_numbered(alike) and len(lengths) > 1)
+    joints = any(is_a("joints", *_words(name)) for name in (above, *alike))
+    if len(alike) < 2 or not (called or (timed and not joints)):
+        return {}, ""
+    names = ", ".join(alike[:3]) + ", ..." * (len(alike) > 3)
+    if not called and (all(np.array_equal(one, clocks[0]) for one in clocks) or together(clocks)):
+        return {}, f"{names} were recorded at one time, by their clocks, and are taken for joints of one recording"
+    stems = {name.rstrip("0123456789") for name in alike} - {""}
+    runs = {name: own for name, own in children.items()
+            if name in alike or (name.rstrip("0123456789") in stems and _clock(own) is not None)}  # fmt: skip
+    return runs, "" if called else f"{names} have a clock each and are taken for a recording each"
+
+
+def _clock(variables: Tree) -> Array | None:
+    """The vector that is called as a clock and runs as one."""
+    named = (value for key, value in variables.items() if _is_vector(value) and said(key).signal == "time")
+    return next((clock for clock in named if clock_units(np.asarray(clock, np.float64))), None)
+
+
+def _series(value: Any) -> int:
+    """Columns that a variable makes, at least."""
+    if is_structures(value):
+        return 0 if all(map(_is_signal, value)) else len(value)
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub" or value.size < 2:
+        return 0
+    return min(value.shape) if value.ndim == 2 else 1
+
+
+def _listed(content: Tree, stem: str) -> dict[str, dict[str, Any]]:
+    """The variables of each run by its name: one run, or as many as cells or arrays of structures have places.
+
+    What is the same for all runs is in each of them. A name that an array of structures has says nothing of a joint.
+    """
+    several = {name: value for name, value in content.items() if is_structures(value) or (
+        isinstance(value, list) and value
+        and all(isinstance(one, np.ndarray) and one.size > 1 for one in value))}  # fmt: skip
+    counts = [len(value) for value in several.values()]
+    count = max(set(counts), key=lambda n: (counts.count(n), n), default=1)
+    runs: dict[str, dict[str, Any]] = {}
+    for k in range(count):
+        own = {name: value for name, value in content.items() if name not in several}
+        for name, value in several.items():
+            if len(value) == count:
+                fields = _flat({name: value[k]})
+                short = {key.removeprefix(f"{name}."): one for key, one in fields.items()}
+                own |= fields if short.keys() & own.keys() else short
+        runs[f"{stem}-{k + 1:0{len(str(count))}}" if count > 1 else stem] = own
+    return runs
+
+
+# --- one recording ---------------------------------------------------------------------------------------------------
+
+
+def _recording(path: Path, kind: str, content: Tree, name: str, notes: tuple[str, ...]) -> Recording:
+    """The one recording that variables of a run make, with what is said of it already.
+
+    Raises:
+        LogError: there are no vectors.
+    """
+    columns: dict[str, Array] = {}
+    facts: dict[str, float | str] = {}
+    left: dict[str, str] = {}
+    words = [value for value in content.values() if _is_words(value)]
+    for key, value in content.items():
+        if isinstance(value, str):
+            facts[key] = value
+        elif why := _collect(key, value, words, columns, facts):
+            left[key] = why
+    if not columns:
+        why = next((f" ({key}: {reason})" for key, reason in left.items()), "")
+        raise LogError(f"{path}: has no vectors of numbers{why}; a log is one vector for each signal and one of time.")
+    lengths = [len(values) for values in columns.values()]
+    length = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    columns, of_held = _held_goals(columns, length)
+    other = sorted(key for key, values in columns.items() if len(values) != length)
+    of_other = (f"left out, for they do not have {length} samples: {', '.join(other)}",) * bool(other)
+    kept = {key: values for key, values in columns.items() if len(values) == length}
+    clocks = [key for key, values in kept.items() if "." in key and _is_clock(key) and clock_units(values)]
+    for key in clocks[1:]:  # a name such as pos.Time would make it a position
+        left[key] = f"the clock {clocks[0]}" if np.array_equal(kept[key], kept[clocks[0]]) else "another clock"
+        del kept[key]
+    roles = dict.fromkeys(clocks[:1], "time")
+    return Recording(name, kept, path, kind, facts, roles, (*notes, *of_held, *of_other), left=left)
+
+
+def _is_clock(name: str) -> bool:
+    return said(name.rpartition(".")[2]).signal == "time"
+
+
+def _held_goals(columns: dict[str, Array], length: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Goals with a clock of their own, each held until the next at the times of the others, and notes on them.
+
+    Args:
+        columns: by name; those of a structure have its name before a point.
+        length: of the columns that the recording is made of.
+    """
+    clocks = {key: values for key, values in columns.items() if _is_clock(key) and clock_units(values)}
+    at = next((values for values in clocks.values() if len(values) == length), None)
+    out, notes = dict(columns), ()
+    for key, time in clocks.items():
+        above = key.rpartition(".")[0]
+        if at is None or len(time) == length or not above or time[0] > at[-1] or time[-1] < at[0]:
+            continue
+        beside = [name for name in columns if name != key and name.rpartition(".")[0] == above]
+        if beside and all(said(name).signal in HELD and len(columns[name]) == len(time) for name in beside):
+            out |= {name: held(time, columns[name], at) for name in beside}
+            del out[key]
+            notes = (*notes, f"each sample of {', '.join(beside)} is held until its next one, by its own clock {key}")
+    return out, notes
+
+
+def _is_words(value: Any) -> bool:
+    """Whether a variable is a list of words: a cell of text, or a matrix of letters."""
+    return isinstance(value, list) and len(value) > 1 and all(isinstance(one, str) for one in value)
+
+
+def _collect(
+    name: str, value: Any, names: Sequence[Sequence[str]], columns: dict[str, Array], facts: dict[str, float | str]
+) -> str:
+    """Put a variable where it belongs, columns of a matrix by the one list of words that is as long, else by number;
+    why it
+    is none of numbers, else empty."""
+    if value is None:
+        return "no vector or matrix of numbers"
+    if _is_words(value):
+        return "it holds text, no numbers"
+    if np.iscomplexobj(value):
+        return "complex numbers, where a log has real ones"
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        return "no numbers, or vectors of several lengths"
+    if array.ndim == 0:
+        facts[name] = float(array)
+    elif array.ndim == 1 and len(array) > 1:
+        columns[name] = array
+    elif array.ndim == 2 and array.size:
+        rows = array if array.shape[0] >= array.shape[1] else array.T
+        alike = {tuple(words) for words in names if len(words) == rows.shape[1] == len(set(words))}
+        called = (
+            [f"{word}.{name}" for word in alike.pop()]
+            if len(alike) == 1
+            else [f"{name}[{k}]" for k in range(rows.shape[1])]
+        )
+        columns |= {label: rows[:, k].copy() for k, label in enumerate(called)}
+    return ""

@@ -1,0 +1,213 @@
+"""A column is claimed by its format, a dialect, or its name and unit; what nobody claims is asked about, never
+guessed."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.commands.cli import main
+from sealegs.gap.log import LogError, read_measured
+from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers.clocks import in_force
+from sealegs.gap.log.importers.dialects import dialects
+
+from tests.importers.importing import ANGLE, LATE, RAD, TIME, asked, proposed, table
+
+MINE = """
+title: My drive
+needs: ['{joint}_set']
+rows:
+- {name: '{joint}_set', signal: goal, unit: 0.1 deg}
+- {name: '{joint}_ist', signal: position, unit: 0.1 deg}
+- {name: '{joint}_load', signal: duty, sign_bit: 10, formula: '{}/1000'}
+- {name: 'diag.*', aside: states of the logger}
+"""
+TENTH = 1800.0 / np.pi
+
+
+def drive(folder: Path) -> Path:
+    load = np.round(400.0 * np.sin(3.0 * TIME))
+    columns = {"time_s": TIME, "hip_set": TENTH * ANGLE, "hip_ist": TENTH * LATE}
+    return table(folder, columns | {"hip_load": np.where(load < 0.0, 1024.0 - load, load), "diag1": np.sin(TIME)})
+
+
+# --- dialects from outside -------------------------------------------------------------------------------------------
+
+
+def test_a_dialect_of_ones_own_claims_columns_by_one_word_of_the_call(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.yaml").write_text(MINE)
+    source, out = drive(tmp_path), tmp_path / "log"
+    assert main(["import", str(source), f"out={out}", f"dialect={tmp_path / 'mine.yaml'}"]) == 0
+    shown = " ".join(capsys.readouterr().out.replace("#", "").split())
+    assert "hip.goal: hip_set*0.1*pi/180" in shown and "My drive says 0.1 deg" in shown
+    assert "hip.duty: sign_bit(hip_load, 10)/1000" in shown and "diag1: states of the logger" in shown
+    assert "hip.duty" not in propose_for(source, out).mapping.columns
+
+
+def test_an_installed_package_brings_its_dialect_by_an_entry_point(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.yaml").write_text(MINE)
+    (tmp_path / "mine_package.py").write_text(f"DIALECT = {str(tmp_path / 'mine.yaml')!r}\n")
+    installed = tmp_path / "mine_package-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: mine-package\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text("[sealegs.dialects]\nmine = mine_package:DIALECT\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert "My drive" in {one.title for one in dialects()}
+    assert propose_for(drive(tmp_path), tmp_path / "out").mapping.columns["hip.position"] == "hip_ist*0.1*pi/180"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("rows: []", "must be a mapping with the key rows"),
+        ("rows: [{name: q}]", "row 1 needs either signal, what the column is, or aside"),
+        ("rows: [{name: q, signal: positon}]", r"unknown signal 'positon' \(did you mean 'position'\?\)"),
+        ("rows: [{name: q, signal: position, unit: furlong}]", "the unit 'furlong' is none that is known"),
+        ("rows: [{name: '(', signal: position}]", "is no regular expression"),
+        ("rows: [{name: q, signal: position, formula: '{}*'}]", "is no expression of {}"),
+        ("rows: [{nme: q, signal: position}]", "must be a mapping with the key name"),
+        ("row: [{name: q, signal: position}]", "must be a mapping with the key rows"),
+    ],
+)
+def test_a_wrong_dialect_gets_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises(LogError, match=sentence):
+        dialects(tmp_path / "mine.yaml")
+
+
+# --- asked, not guessed ----------------------------------------------------------------------------------------------
+
+
+def test_columns_that_say_nothing_are_named_in_the_question_and_no_motion_takes_them(tmp_path: Path) -> None:
+    found = proposed(tmp_path, {"time": TIME, "a": ANGLE, "b": LATE, "c": np.gradient(LATE, TIME)})
+    assert set(found.mapping.columns) == {"time"}
+    assert "Nobody says what these are: a, b, c" in asked(found)["joint.position"]
+
+
+def test_a_flag_of_the_servo_is_no_torque(tmp_path: Path) -> None:
+    moving = (np.abs(np.gradient(LATE, TIME)) > 0.5).astype(float)
+    found = proposed(tmp_path, {"time": TIME, **RAD, "moving": moving, "extra": np.gradient(LATE, TIME)})
+    assert set(found.mapping.columns) == {"time", "joint.position", "joint.goal"}
+    assert "moving: a flag of the servo" in found.text and "extra: 'nobody says what it is" in found.text
+
+
+def test_qd_alone_is_a_question_and_beside_a_goal_the_derivative(tmp_path: Path) -> None:
+    assert "wanted angle, or the derivative" in asked(proposed(tmp_path, {"q": LATE, "qd": ANGLE}))["joint.goal"]
+    beside = proposed(tmp_path, {"q": LATE, "q_ref": ANGLE, "qd": np.gradient(LATE, TIME)})
+    assert beside.mapping.columns["joint.velocity"] == "qd" and not asked(beside)
+
+
+def test_memory_that_nobody_wrote_and_stamps_that_repeat_are_left_out_by_name(tmp_path: Path) -> None:
+    effort = np.where(np.arange(len(TIME)) % 2, 2.9e-321, 1.04e224)
+    time = np.where(np.arange(len(TIME)) == 100, TIME[99], TIME)
+    found = proposed(tmp_path, {"time": time, **RAD, "effort": effort, "velocity": 0.0 * TIME})
+    assert "effort: it holds" in found.text and "memory that nobody wrote" in found.text
+    assert "velocity: a velocity that never changes is not measured" in found.text
+    assert found.mapping.where == "later(time)" and not asked(found)
+    import_logs(tmp_path / "run.csv", tmp_path / "log", found.mapping)
+    assert len((tmp_path / "log" / "run.csv").read_text().splitlines()) == len(TIME)
+
+
+# --- what is in force ------------------------------------------------------------------------------------------------
+
+
+def test_a_sample_has_the_command_that_was_in_force_over_most_of_it() -> None:
+    at = np.arange(5.0)
+    values, late = in_force(at + 0.02, 10.0 * at, at)
+    np.testing.assert_array_equal(values, 10.0 * at)
+    assert late == pytest.approx(0.02)
+    np.testing.assert_array_equal(in_force(at + 0.6, 10.0 * at, at)[0], [np.nan, 0.0, 10.0, 20.0, 30.0])
+
+
+def test_a_state_and_a_command_in_two_files_are_one_run(tmp_path: Path) -> None:
+    table(tmp_path, {"time_s": TIME, "position_rad": LATE}, "state.csv")
+    table(tmp_path, {"time_s": TIME + 2e-4, "goal_rad": ANGLE}, "command.csv")
+    found = propose_for(tmp_path, tmp_path / "out", robot="bench", actuator="ideal", params={"mass": 0.0})
+    assert not asked(found) and "commands of command.csv come 0.0002 (median) after the samples" in found.text
+    import_logs(tmp_path, tmp_path / "out", found.mapping)
+    joint = read_measured(tmp_path / "out").runs[0].joints["joint"]
+    assert joint.goal is not None
+    np.testing.assert_allclose(joint.goal, ANGLE, atol=1e-8)
+
+
+# --- cells, runs and tensors -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cell", ['"[{:.5f}, {:.5f}]"', "[{:.5f} {:.5f}]"])
+def test_cells_that_hold_lists_are_columns_for_each_place(tmp_path: Path, cell: str) -> None:
+    rows = (f"{t:.3f},{cell.format(p, -p)},{cell.format(g, -g)}" for t, p, g in zip(TIME, LATE, ANGLE, strict=True))
+    (tmp_path / "run.csv").write_text("\n".join(["timestamp,positions,targets", *rows]))
+    (recording,) = read_recordings(tmp_path / "run.csv")
+    assert list(recording.columns) == ["timestamp", "positions[0]", "positions[1]", "targets[0]", "targets[1]"]
+    np.testing.assert_allclose(recording.columns["targets[1]"], -ANGLE, atol=1e-5)
+
+
+def test_runs_of_json_have_the_rate_that_stands_beside_them(tmp_path: Path) -> None:
+    runs = [{"type": name, "actions": ANGLE.tolist(), "angles": LATE.tolist()} for name in ("sine", "steps")]
+    (tmp_path / "runs.json").write_text(json.dumps({"config": {"action_hz": 100}, "data": runs}))
+    recordings = read_recordings(tmp_path / "runs.json")
+    assert [one.name for one in recordings] == ["runs-1", "runs-2"] and recordings[0].facts["type"] == "sine"
+    assert propose_for(tmp_path / "runs.json", tmp_path / "out").mapping.columns["time"] == "row/config.action_hz"
+
+
+def tensors(path: Path, arrays: dict[str, np.ndarray], more: Any = None) -> Path:
+    """A file as ``torch.save`` writes a mapping of tensors of float64."""
+    data: list[bytes] = [b"\x80\x02}("]
+
+    def word(text: str) -> bytes:
+        return b"X" + len(text.encode()).to_bytes(4, "little") + text.encode()
+
+    def number(value: int) -> bytes:
+        return b"J" + value.to_bytes(4, "little", signed=True)
+
+    for k, (name, array) in enumerate(arrays.items()):
+        strides = [stride // array.itemsize for stride in array.strides]
+        storage = (
+            b"("
+            + word("storage")
+            + b"ctorch\nDoubleStorage\n"
+            + word(str(k))
+            + word("cpu")
+            + number(array.size)
+            + b"tQ"
+        )
+        shape = b"(" + b"".join(map(number, array.shape)) + b"t(" + b"".join(map(number, strides)) + b"t"
+        data.append(word(name) + b"ctorch._utils\n_rebuild_tensor_v2\n(" + storage + number(0) + shape + b"\x89")
+        data.append(b"ccollections\nOrderedDict\n)RtR")
+    if more is not None:
+        data.append(word("more") + pickle.dumps(more, 2)[2:-1])
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("run/data.pkl", b"".join([*data, b"u."]))
+        for k, array in enumerate(arrays.values()):
+            archive.writestr(f"run/data/{k}", array.astype("<f8").tobytes())
+    return path
+
+
+def test_tensors_are_read_and_nothing_in_their_file_is_run(tmp_path: Path) -> None:
+    two = {"time": TIME, "dof_pos": np.stack([LATE, -LATE], 1), "des_dof_pos": np.stack([ANGLE, -ANGLE], 1)}
+    found = propose_for(tensors(tmp_path / "chirp.pt", two), tmp_path / "out")
+    assert not asked(found) and "PACE says rad" in " ".join(found.text.split())
+    assert found.mapping.columns["joint1.goal"] == "des_dof_pos[1]"
+    np.testing.assert_allclose(found.recordings[0].columns["dof_pos[1]"], -LATE)
+
+    class Bad:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return (Path.touch, (tmp_path / "was_run",))
+
+    with pytest.raises(LogError, match=r"can run any code; save named arrays"):
+        read_recordings(tensors(tmp_path / "bad.pt", two, Bad()))
+    assert not (tmp_path / "was_run").exists()
+    (tmp_path / "torn.pt").write_bytes(io.BytesIO(b"PK\3\4 torn").getvalue())
+    with pytest.raises(LogError, match="is no file of tensors"):
+        read_recordings(tmp_path / "torn.pt")

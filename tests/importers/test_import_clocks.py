@@ -1,0 +1,304 @@
+"""Clocks without a unit, stamps in two columns, and structures, names and entries with a clock each."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+from scipy.io import savemat
+from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers.claims import claims_of
+from sealegs.gap.log.importers.clocks import find_clock
+from sealegs.gap.log.importers.dialects import dialects
+from sealegs.gap.log.importers.mapping import converted
+
+from tests.importers.test_import import motion, table
+
+
+def swing(time: np.ndarray) -> np.ndarray:
+    """A swing [rad] of some seconds."""
+    return 0.6 * np.sin(2.0 * time) + 0.2 * np.sin(5.1 * time)
+
+
+def recorded(period: float, duration: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Time [s], and goal and position of a joint."""
+    time = np.arange(0.0, duration, period)
+    return time, {"goal": swing(time), "position": swing(time - 0.04)}
+
+
+@pytest.mark.parametrize(("period", "per"), [(5e-4, 1e3), (1e-4, 1e3), (2.5e-4, 1e6)])
+def test_a_clock_of_a_fast_log_is_not_read_as_a_slow_one_in_silence(tmp_path: Path, period: float, per: float) -> None:
+    """2 kHz in ms were 2 Hz in s: ten seconds became three hours."""
+    time, columns = recorded(period, 1.0)
+    (question,) = propose_for(table(tmp_path, {"time": per * time, **columns}), tmp_path / "out").mapping.questions
+    unit = {1e3: "ms", 1e6: "us"}[per]
+    assert question.about == ("time",) and f"{1.0 / period:.0f} Hz in {unit}" in question.ask
+    found = propose_for(table(tmp_path, {f"time_{unit}": per * time, **columns}), tmp_path / "out").mapping
+    assert not found.questions
+
+
+def test_noise_at_a_high_rate_is_no_slow_log(tmp_path: Path) -> None:
+    time, columns = recorded(5e-4, 1.0)
+    columns["position"] = columns["position"] + 0.2 * np.random.default_rng(0).normal(size=len(time))
+    (question, *_) = propose_for(table(tmp_path, {"time": 1e3 * time, **columns}), tmp_path / "out").mapping.questions
+    assert question.about == ("time",)
+
+
+def test_stamps_since_1970_tell_their_unit(tmp_path: Path) -> None:
+    time, columns = recorded(0.1, 300.0)
+    columns = {name: swing(0.01 * time) for name in columns}
+    for per in (1.0, 1e3):
+        stamps = np.round(per * (1.7e9 + time), 3)
+        path = tmp_path / "run.csv"
+        rows = np.stack([stamps, columns["goal"], columns["position"]], axis=1)
+        np.savetxt(path, rows, delimiter=",", header="time,goal,position", comments="", fmt="%.6f")
+        found = propose_for(path, tmp_path / "out").mapping
+        assert not [question for question in found.questions if "time" in question.about]
+        assert found.columns["time"].endswith("*1e-3") == (per > 1.0)
+
+
+FIRST = 1_714_500_000
+
+
+RUN = motion(8.0, 100.0)
+
+
+OTHER = motion(8.0, 100.0, seed=3)
+
+
+TIME, GOAL, ANGLE = RUN["time"], RUN["goal"], RUN["smooth"]
+
+
+def stamp(seconds: np.ndarray, count: float) -> tuple[np.ndarray, np.ndarray]:
+    """Whole seconds since 1970 and the rest of a stamp, as whole numbers."""
+    parts = np.round(seconds * count).astype(np.int64)
+    return FIRST + parts // int(count), parts % int(count)
+
+
+@pytest.mark.parametrize(
+    ("whole", "part", "count"),
+    [
+        ("sec", "nanosec", 1e9),
+        ("header.stamp.sec", "header.stamp.nanosec", 1e9),
+        ("stamp.secs", "stamp.nsecs", 1e9),
+        ("stampSec", "stampNsec", 1e9),
+        ("timestampSec", "timestampNanoSec", 1e9),
+        ("stampSec", "stampMicroSec", 1e6),
+        ("tv_sec", "tv_usec", 1e6),
+        ("timestamp", "timestamp_ms", 1e3),
+    ],
+)
+def test_a_stamp_in_two_columns_is_their_sum(tmp_path: Path, whole: str, part: str, count: float) -> None:
+    seconds, parts = stamp(TIME, count)
+    source = table(tmp_path, {whole: seconds, part: parts, "cmd_rad": GOAL, "pos_rad": ANGLE})
+    proposed = propose_for(source, tmp_path / "out")
+    assert not proposed.mapping.questions
+    run = converted(proposed.mapping, proposed.recordings[0])
+    np.testing.assert_allclose(run.time - run.time[0], TIME, rtol=0.0, atol=1e-9)
+
+
+def test_a_stamp_in_two_columns_beside_a_clock_is_another_clock(tmp_path: Path) -> None:
+    seconds, parts = stamp(TIME, 1e9)
+    columns = {"time_s": TIME, "stamp.sec": seconds, "stamp.nanosec": parts, "cmd_rad": GOAL, "pos_rad": ANGLE}
+    clock = find_clock(read_recordings(table(tmp_path, columns))[0])
+    assert clock.name == "time_s"
+    assert {name for name, why in clock.unused.items() if "two columns" in why} == {"stamp.sec", "stamp.nanosec"}
+
+
+def test_a_stamp_in_two_columns_that_jumps_back_is_parted_there(tmp_path: Path) -> None:
+    seconds, parts = stamp(np.concatenate([TIME, TIME]), 1e9)
+    columns = {"sec": seconds, "nanosec": parts, "cmd_rad": np.tile(GOAL, 2), "pos_rad": np.tile(ANGLE, 2)}
+    (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
+    assert f"sec and nanosec are the time, but it jumps back in row {len(TIME) + 1}" in question.ask
+
+
+def test_seconds_beside_a_counter_that_is_no_part_of_them_are_no_stamp(tmp_path: Path) -> None:
+    seconds, _ = stamp(TIME, 1e9)
+    columns = {"sec": seconds, "nanosec": 3e9 + 1e7 * np.arange(len(TIME)), "cmd_rad": GOAL, "pos_rad": ANGLE}
+    clock = find_clock(read_recordings(table(tmp_path, columns))[0])
+    assert "+" not in clock.line.text
+
+
+def one(time: np.ndarray, of: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {"t": time, "q": of["smooth"][: len(time)], "qref": of["goal"][: len(time)]}
+
+
+@pytest.mark.parametrize("kind", ["structures", "prefixes", "lengths", "clocks", "within", "numpy"])
+def test_siblings_that_have_a_clock_each_are_runs(tmp_path: Path, kind: str) -> None:
+    runs = {"exp1": one(TIME, RUN), "exp2": one(TIME, OTHER)}
+    if kind == "lengths":
+        runs["exp2"] = one(TIME[:600], OTHER)
+    if kind == "clocks":
+        runs = {"slow": one(TIME, RUN), "fast": one(TIME / 2.0, OTHER)}
+    flat = {f"{name}_{key}": values for name, own in runs.items() for key, values in own.items()}
+    path = tmp_path / ("bench.npz" if kind == "numpy" else "bench.mat")
+    if kind == "numpy":
+        arrays: dict[str, Any] = {"mass": np.array(0.5), **flat}
+        np.savez(path, **arrays)
+    else:
+        savemat(path, {"mass": 0.5, **(flat if kind == "prefixes" else {"data": runs} if kind == "within" else runs)})
+    recordings = read_recordings(path)
+    assert [recording.name for recording in recordings] == [f"bench-{name}" for name in runs]
+    for recording, own in zip(recordings, runs.values(), strict=True):
+        assert set(recording.columns) == {"t", "q", "qref"} and recording.facts == {"mass": 0.5}
+        np.testing.assert_allclose(recording.columns["q"], own["q"])
+        assert bool(recording.notes) == (kind == "clocks")
+    proposed = propose_for(path, tmp_path / "out")
+    files = import_logs(path, tmp_path / "out", proposed.mapping, recordings=proposed.recordings).files
+    assert len(files) == 2
+
+
+def test_a_run_that_lacks_a_signal_is_left_out_with_a_line(tmp_path: Path) -> None:
+    third = {key: values for key, values in one(TIME, RUN).items() if key != "qref"}
+    savemat(tmp_path / "bench.mat", {"exp1": one(TIME, RUN), "exp2": one(TIME, OTHER), "exp3": third})
+    proposed = propose_for(tmp_path / "bench.mat", tmp_path / "out")
+    assert len(proposed.recordings) == 2 and "bench-exp3 has other columns" in proposed.left[0]
+
+
+@pytest.mark.parametrize("names", [("left", "right"), ("joint1", "joint2")])
+def test_siblings_with_one_clock_that_nothing_calls_runs_are_joints(tmp_path: Path, names: tuple[str, str]) -> None:
+    savemat(tmp_path / "arm.mat", {names[0]: one(TIME, RUN), names[1]: one(TIME, OTHER)})
+    (recording,) = read_recordings(tmp_path / "arm.mat")
+    assert len(recording.columns) == 5, "one clock"
+    assert any("joints of one recording" in note for note in recording.notes) == (names[0] == "left")
+
+
+@pytest.mark.parametrize(("above", "count"), [("test", 1), ("tests", 2)])
+def test_what_lies_in_one_test_with_one_clock_is_no_run(tmp_path: Path, above: str, count: int) -> None:
+    savemat(tmp_path / "arm.mat", {above: {"a": one(TIME, RUN), "b": one(TIME, OTHER)}})
+    assert len(read_recordings(tmp_path / "arm.mat")) == count
+
+
+def test_structures_that_ran_side_by_side_by_clocks_of_the_day_are_no_runs(tmp_path: Path) -> None:
+    since = FIRST + TIME
+    savemat(tmp_path / "arm.mat", {"left": one(since, RUN), "right": one(since + 0.003, OTHER)})
+    (recording,) = read_recordings(tmp_path / "arm.mat")
+    assert "left, right were recorded at one time" in recording.notes[0]
+
+
+def test_signals_with_a_clock_each_are_no_runs(tmp_path: Path) -> None:
+    content = {"position": {"time": TIME, "data": ANGLE}, "goal": {"time": TIME / 2.0, "data": GOAL}}
+    savemat(tmp_path / "bench.mat", content)
+    assert len(read_recordings(tmp_path / "bench.mat")) == 1
+
+
+def lerobot(folder: Path, names: object, action: object) -> Path:
+    """A data set of two joints whose features have these names."""
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data").mkdir()
+    number = {"dtype": "float32", "shape": [2]}
+    features = {"observation.state": {**number, "names": names}, "action": {**number, "names": action}}
+    info = {"codebase_version": "v2.1", "fps": 100, "features": features}
+    (folder / "meta/info.json").write_text(json.dumps(info), encoding="utf-8-sig")
+    columns = {
+        "observation.state": list(np.stack([ANGLE, OTHER["smooth"]], 1)),
+        "action": list(np.stack([GOAL, OTHER["goal"]], 1)),
+        "timestamp": TIME,
+        "episode_index": np.zeros(len(TIME), int),
+    }
+    parquet.write_table(pa.table(columns), folder / "data/episode_000000.parquet")
+    return folder
+
+
+@pytest.mark.parametrize(
+    "names", [[["hip", "knee"]], {"motors": [["hip", "knee"]]}, {"hip": 0, "knee": 1}, [["hip"], ["knee"]]]
+)
+def test_names_within_lists_and_mappings_name_the_joints(tmp_path: Path, names: object) -> None:
+    (recording,) = read_recordings(lerobot(tmp_path / "set", names, names))
+    claims = claims_of(recording, dialects())
+    assert {claims[name].joint for name in recording.columns} == {"", "hip", "knee"}
+    assert not any("joint0" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("action", "fault"), [(["hip"], "1 names"), (["hip", "hip"], "names that repeat")])
+def test_names_that_do_not_name_the_places_are_noted(tmp_path: Path, action: object, fault: str) -> None:
+    (recording,) = read_recordings(lerobot(tmp_path / "set", ["hip", "knee"], action))
+    assert any(f"'action' has {fault} for 2 numbers" in note for note in recording.notes)
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    return np.degrees(3.0 * angle) % 360.0
+
+
+def test_a_question_spells_a_joint_as_the_mapping_does(tmp_path: Path) -> None:
+    columns = {"time": TIME, "actuators[0].position": ANGLE, "actuators[1].position": OTHER["smooth"]}
+    mapping = propose_for(table(tmp_path, columns), tmp_path / "out").mapping
+    asked = {question.about[0]: question.ask for question in mapping.questions if question.about[0].endswith(".goal")}
+    assert set(asked) == {"actuators[0].goal", "actuators[1].goal"}
+    assert "commanded to actuators[0]? It needs actuators[0].goal" in asked["actuators[0].goal"]
+
+
+def test_goals_in_a_series_go_to_positions_of_the_same_index_though_both_wrap(tmp_path: Path) -> None:
+    columns = {"time": TIME}
+    for k, run in enumerate((RUN, OTHER)):
+        columns |= {f"actuators[{k}].position": wrapped(run["smooth"]), f"cmd[{k}].position": wrapped(run["goal"])}
+    mapping = propose_for(table(tmp_path, columns), tmp_path / "out", unit="deg").mapping
+    assert mapping.columns["actuators[0].goal"] == "cmd[0].position*pi/180"
+    assert mapping.columns["actuators[1].goal"] == "cmd[1].position*pi/180"
+
+
+def bam(path: Path, entries: list[dict[str, object]], encoding: str = "utf-8") -> Path:
+    path.write_text(json.dumps({"mass": 0.5, "entries": entries}), encoding=encoding)
+    return path
+
+
+ENTRIES: list[dict[str, object]] = [
+    {"timestamp": t, "position": p, "goal_position": g, "temp": 35.0, "state": "on"}
+    for t, p, g in zip(TIME.tolist(), ANGLE.tolist(), GOAL.tolist(), strict=True)
+]
+
+
+def test_a_key_that_the_first_entry_lacks_is_a_column_with_a_note(tmp_path: Path) -> None:
+    first = {key: value for key, value in ENTRIES[0].items() if key != "temp"}
+    (recording,) = read_recordings(bam(tmp_path / "run.json", [first, *ENTRIES[1:]]))
+    assert np.isnan(recording.columns["temp"][0]) and recording.columns["temp"][1] == 35.0
+    assert recording.notes == (
+        f"'temp' is missing in 1 of {len(ENTRIES)} entries, the first is entry 1; its cells are empty there",
+    )
+    assert "state" in recording.left
+
+
+def test_json_may_begin_with_the_mark_of_its_encoding(tmp_path: Path) -> None:
+    (recording,) = read_recordings(bam(tmp_path / "servo.json", ENTRIES, "utf-8-sig"))
+    assert recording.length == len(ENTRIES)
+    source = table(tmp_path, {"time": TIME, "pos": ANGLE})
+    source.with_suffix(".meta.json").write_text('{"mass": 0.5}', encoding="utf-8-sig")
+    assert read_recordings(source)[0].facts["mass"] == 0.5
+
+
+def test_stamps_of_a_timedelta_run_on_over_days(tmp_path: Path) -> None:
+    """pandas writes its index so; the column was left out as text."""
+    seconds = 86399.0 + TIME
+    cells = [
+        f"{int(s // 86400)} days {int(s % 86400) // 3600:02}:{int(s) // 60 % 60:02}:{s % 60:09.6f}" for s in seconds
+    ]
+    path = tmp_path / "run.csv"
+    rows = (f"{cell},{goal},{angle}" for cell, goal, angle in zip(cells, GOAL, ANGLE, strict=True))
+    path.write_text("\n".join([",cmd_rad,pos_rad", *rows]))
+    (recording,) = read_recordings(path)
+    np.testing.assert_allclose(recording.columns["column1_s"], seconds, atol=2e-6)
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0])
+def test_a_goal_with_a_slower_clock_of_its_own_is_held(tmp_path: Path, late: float) -> None:
+    """It was left out, for it has fewer samples."""
+    own = np.flatnonzero(late <= TIME)[::5]
+    measured, wanted = {"Time": TIME, "Data": ANGLE}, {"Time": TIME[own], "Data": GOAL[own]}
+    savemat(tmp_path / "run.mat", {"q_meas": measured, "q_ref": wanted})
+    (recording,) = read_recordings(tmp_path / "run.mat")
+    held = recording.columns["q_ref.Data"]
+    np.testing.assert_array_equal(held[own[0] : own[0] + 10], np.repeat(GOAL[own[:2]], 5))
+    assert np.isnan(held[: own[0]]).all() and "q_ref.Time" not in recording.columns
+    assert any("is held until its next one" in note for note in recording.notes)
+
+
+def test_a_measured_signal_with_a_slower_clock_is_left_out(tmp_path: Path) -> None:
+    slow = {"Time": TIME[::5], "Data": ANGLE[::5]}
+    savemat(tmp_path / "run.mat", {"q_meas": {"Time": TIME, "Data": ANGLE}, "tau_meas": slow})
+    (recording,) = read_recordings(tmp_path / "run.mat")
+    assert "tau_meas.Data" not in recording.columns and "left out" in recording.notes[-1]

@@ -1,0 +1,242 @@
+"""Joints in parts: arrays of structures, signals of Simulink, a file for each joint, and a ``d`` for desired."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from sealegs.gap.log import LogError, read_measured
+from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers.names import said
+
+from tests.importers.test_import import motion, table
+
+MOTIONS = [motion(5.0, 100.0, seed=seed) for seed in range(3)]
+
+
+TIME = MOTIONS[0]["time"]
+
+
+UNIX = 1.7e9
+
+
+def structures(items: list[dict[str, object]]) -> np.ndarray:
+    """MATLAB's array of structures."""
+    out = np.zeros(len(items), [(name, object) for name in items[0]])
+    for k, item in enumerate(items):
+        out[k] = tuple(item.values())
+    return out
+
+
+def signals(k: int, **more: object) -> dict[str, object]:
+    return {"q_ref": MOTIONS[k]["goal"][:, None], "q": MOTIONS[k]["smooth"][:, None], **more}
+
+
+def columns_of(source: Path, robot: Path | None = None) -> dict[str, str]:
+    """Expressions of the proposal, of which nothing is in question."""
+    mapping = propose_for(source, source.parent / "out", "rad", robot=str(robot) if robot else None).mapping
+    assert not mapping.questions
+    return mapping.columns
+
+
+def robot_of(folder: Path, *joints: str) -> Path:
+    inner = ""
+    for joint in reversed(joints):
+        inner = f'<body pos="0 0 1"><joint name="{joint}"/><geom size="0.1" mass="1"/>{inner}</body>'
+    path = folder / "arm.xml"
+    path.write_text(f"<mujoco><worldbody>{inner}</worldbody></mujoco>")
+    return path
+
+
+@pytest.mark.parametrize("name", ["joint", "motor", "axis", "leg", "servoLog"])
+def test_an_array_of_structures_that_is_called_as_joints_is_one_recording(tmp_path: Path, name: str) -> None:
+    """It became three runs of one joint, which were fitted as one motor."""
+    path = tmp_path / "log.mat"
+    savemat(path, {"t": TIME[:, None], name: structures([signals(k) for k in range(3)])})
+    (recording,) = read_recordings(path)
+    for k in range(3):
+        np.testing.assert_allclose(recording.columns[f"{name}{k + 1}.q"], MOTIONS[k]["smooth"])
+    columns = columns_of(path)
+    assert sorted(text for key, text in columns.items() if key.endswith(".position")) == [
+        f"{name}{k}.q" for k in (1, 2, 3)
+    ]
+    assert sum(key.endswith(".goal") for key in columns) == 3
+
+
+def test_an_array_of_structures_beside_the_only_clock_is_one_recording(tmp_path: Path) -> None:
+    content = {"time": TIME[:, None], "s": structures([signals(k) for k in range(2)])}
+    savemat(tmp_path / "log.mat", {"data": content})
+    columns = columns_of(tmp_path / "log.mat")
+    assert columns["s1.position"] == "data.s1.q" and columns["s2.goal"] == "data.s2.q_ref"
+
+
+def test_joints_of_an_array_have_the_names_that_its_structures_have(tmp_path: Path) -> None:
+    items = [signals(k, name=name) for k, name in enumerate(("shoulder", "elbow"))]
+    savemat(tmp_path / "log.mat", {"t": TIME[:, None], "joint": structures(items)})
+    assert columns_of(tmp_path / "log.mat")["elbow.position"] == "elbow.q"
+
+
+@pytest.mark.parametrize(
+    ("name", "own", "outside"), [("data", True, False), ("joint", True, True), ("trial", False, True)]
+)
+def test_an_array_of_structures_with_a_clock_each_or_called_as_runs_stays_runs(
+    tmp_path: Path, name: str, own: bool, outside: bool
+) -> None:
+    items = [signals(k, **({"t": TIME[:, None]} if own else {})) for k in range(3)]
+    savemat(tmp_path / "log.mat", {name: structures(items), **({"t": TIME[:, None]} if outside else {})})
+    assert [one.name for one in read_recordings(tmp_path / "log.mat")] == ["log-1", "log-2", "log-3"]
+
+
+@pytest.mark.parametrize("labels", [("q_des", "q_meas"), ("", ""), ("q", "q")])
+def test_signals_of_simulink_are_columns_by_their_labels(tmp_path: Path, labels: tuple[str, str]) -> None:
+    """Each signal became a run."""
+    values = (MOTIONS[0]["goal"], MOTIONS[0]["smooth"])
+    items = [
+        {"values": one[:, None], "dimensions": 1, "label": label} for one, label in zip(values, labels, strict=True)
+    ]
+    savemat(
+        tmp_path / "log.mat", {"simout": {"time": TIME[:, None], "signals": structures(items), "blockName": "m/To"}}
+    )
+    (recording,) = read_recordings(tmp_path / "log.mat")
+    first, second = labels if labels[0] == "q_des" else ("simout_signals1", "simout_signals2")
+    np.testing.assert_allclose(recording.columns[first], values[0])
+    np.testing.assert_allclose(recording.columns[second], values[1])
+    if labels[0] == "q_des":
+        assert columns_of(tmp_path / "log.mat") == {
+            "time": "simout.time", "joint.goal": "q_des", "joint.position": "q_meas",
+        }  # fmt: skip
+
+
+def test_the_only_signal_of_simulink_has_its_label(tmp_path: Path) -> None:
+    signal = {"values": np.stack([MOTIONS[0]["goal"], MOTIONS[0]["smooth"]], 1), "dimensions": 2, "label": "both"}
+    savemat(tmp_path / "log.mat", {"simout": {"time": TIME[:, None], "signals": signal}})
+    (recording,) = read_recordings(tmp_path / "log.mat")
+    assert set(recording.columns) == {"simout.time", "both[0]", "both[1]"}
+
+
+def test_a_variable_that_is_called_as_a_label_keeps_its_values(tmp_path: Path) -> None:
+    items = [{"values": one[:, None], "label": label} for one, label in ((MOTIONS[0]["goal"], "u"), (TIME, "v"))]
+    block = {"signals": structures(items)}
+    savemat(tmp_path / "log.mat", {"simout": block, "t": TIME[:, None], "u": MOTIONS[1]["goal"][:, None]})
+    (recording,) = read_recordings(tmp_path / "log.mat")
+    np.testing.assert_allclose(recording.columns["u"], MOTIONS[1]["goal"])
+    np.testing.assert_allclose(recording.columns["simout_signals1"], MOTIONS[0]["goal"])
+
+
+@pytest.mark.parametrize(
+    ("column", "signal", "joint"),
+    [
+        ("q_d", "goal", ""),
+        ("q_d[0]", "goal", "joint0"),
+        ("q_d0", "goal", "joint0"),
+        ("q_1_d", "goal", "joint1"),
+        ("elbow_theta_d", "goal", "elbow"),
+        ("dq_d[3]", "goal_velocity", "joint3"),
+        ("tau_J_d[2]", "torque_command", "joint2"),
+        ("tau_d", "torque_command", ""),
+        ("tau_J[1]", "torque", "joint1"),
+        ("pos_d", "position", "d"),
+        ("cmd_d", "goal", "d"),
+        ("q_d_meas", "position", "d"),
+    ],
+)
+def test_a_d_behind_a_sign_is_the_wanted_one_and_elsewhere_a_joint(column: str, signal: str, joint: str) -> None:
+    assert (said(column).signal, said(column).joint) == (signal, joint)
+
+
+def test_states_of_libfranka_have_their_joints_goals_and_torques(tmp_path: Path) -> None:
+    """Joints d0, d1 were found, and the measured torques left out."""
+    columns = {"time": TIME}
+    for k, one in enumerate(MOTIONS[:2]):
+        goal_velocity = np.gradient(one["goal"], TIME)
+        columns |= {f"q[{k}]": one["smooth"], f"q_d[{k}]": one["goal"], f"dq[{k}]": one["velocity"]}
+        columns |= {f"dq_d[{k}]": goal_velocity, f"tau_J[{k}]": 3 * one["smooth"], f"tau_J_d[{k}]": 3.3 * one["goal"]}
+    found = columns_of(table(tmp_path, columns))
+    for k in range(2):
+        joint = f"joint{k}"
+        assert found[f"{joint}.position"] == f"q[{k}]" and found[f"{joint}.goal"] == f"q_d[{k}]"
+        assert found[f"{joint}.goal_velocity"] == f"dq_d[{k}]" and found[f"{joint}.torque"] == f"tau_J[{k}]"
+        assert found[f"{joint}.torque_command"] == f"tau_J_d[{k}]"
+    assert len(found) == 13
+
+
+def files_of(folder: Path, names: tuple[str, ...], begins: tuple[float, ...]) -> Path:
+    """A folder of files with the same columns."""
+    folder.mkdir()
+    for name, begin, one in zip(names, begins, MOTIONS, strict=False):
+        rows = zip(begin + TIME, one["goal"], one["smooth"], strict=True)
+        lines = [f"{at:.3f},{goal:.9f},{position:.9f}" for at, goal, position in rows]
+        (folder / f"{name}.csv").write_text("\n".join(["time,goal,position", *lines]))
+    return folder
+
+
+def test_files_that_are_called_as_joints_of_the_robot_are_joined_on_their_clock(tmp_path: Path) -> None:
+    """They became two runs of one joint."""
+    source = files_of(tmp_path / "arm", ("shoulder", "elbow"), (0.0, 0.0))
+    robot = robot_of(tmp_path, "shoulder", "elbow")
+    proposed = propose_for(source, tmp_path / "out", "rad", robot=str(robot))
+    assert "elbow.csv, shoulder.csv are taken for a joint each of one recording" in proposed.text
+    done = import_logs(source, tmp_path / "out", proposed.mapping)
+    (run,) = read_measured(done.files[0]).runs
+    assert set(run.joints) == {"shoulder", "elbow"} and not proposed.mapping.questions
+    position, goal = run.joints["elbow"].position, run.joints["shoulder"].goal
+    assert position is not None and goal is not None
+    np.testing.assert_allclose(position, MOTIONS[1]["smooth"], atol=1e-8)
+    np.testing.assert_allclose(goal, MOTIONS[0]["goal"], atol=1e-8)
+
+
+def test_joints_that_were_read_at_other_times_of_the_day_are_interpolated_and_goals_held(tmp_path: Path) -> None:
+    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (UNIX, UNIX + 0.104))
+    (one,) = propose_for(source, tmp_path / "out", "rad", robot=str(robot_of(tmp_path, "shoulder", "elbow"))).recordings
+    assert one.columns["time"][0] == pytest.approx(UNIX + 0.11) and one.columns["time"][-1] == pytest.approx(
+        UNIX + 4.99
+    )
+    late = MOTIONS[1]
+    expected = np.interp(one.columns["time"] - UNIX - 0.104, TIME, late["smooth"])
+    np.testing.assert_allclose(one.columns["shoulder.position"], expected, atol=1e-5)
+    np.testing.assert_allclose(one.columns["shoulder.goal"], late["goal"][: one.length], atol=1e-8)
+
+
+def test_joints_of_several_rates_are_joined_on_the_slowest_clock(tmp_path: Path) -> None:
+    """On that of the fastest, which the alphabet put first, most readings of the other were straight lines."""
+    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (UNIX, UNIX))
+    head, *rows = (source / "shoulder.csv").read_text().splitlines()
+    (source / "shoulder.csv").write_text("\n".join([head, *rows[::5]]))
+    robot = robot_of(tmp_path, "shoulder", "elbow")
+    proposed = propose_for(source, tmp_path / "out", "rad", robot=str(robot))
+    assert "on 'time' of shoulder.csv, the slowest (elbow.csv at 100 Hz, shoulder.csv at 20 Hz); " in proposed.text
+    (one,) = proposed.recordings
+    np.testing.assert_allclose(one.columns["time"], UNIX + TIME[::5], atol=1e-3)
+    for joint, motion_of in zip(("elbow", "shoulder"), MOTIONS, strict=False):
+        np.testing.assert_allclose(one.columns[f"{joint}.position"], motion_of["smooth"][::5], atol=1e-5)
+        np.testing.assert_allclose(one.columns[f"{joint}.goal"], motion_of["goal"][::5], atol=1e-8)
+
+
+def test_files_of_joints_whose_clocks_do_not_say_what_belongs_together_are_refused(tmp_path: Path) -> None:
+    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (0.0, 0.004))
+    with pytest.raises(LogError, match=r"elbow.csv, shoulder.csv look like a file for each joint .*elbow.position"):
+        propose_for(source, tmp_path / "out", "rad", robot=str(robot_of(tmp_path, "shoulder", "elbow")))
+
+
+def test_files_of_one_time_of_the_day_that_no_robot_names_are_refused(tmp_path: Path) -> None:
+    source = files_of(tmp_path / "arm", ("left", "right"), (UNIX, UNIX + 0.5))
+    with pytest.raises(
+        LogError, match=r"left.csv, right.csv look like a file for each joint of one recording.* robot="
+    ):
+        propose_for(source, tmp_path / "out", "rad")
+
+
+@pytest.mark.parametrize("begins", [(0.0, 0.0), (UNIX, UNIX + 600.0)])
+def test_files_of_separate_times_or_with_clocks_from_zero_stay_runs(
+    tmp_path: Path, begins: tuple[float, float]
+) -> None:
+    source = files_of(tmp_path / "arm", ("sine", "steps"), begins)
+    assert len(propose_for(source, tmp_path / "out", "rad").recordings) == 2
+
+
+def test_a_copy_of_a_recording_is_no_joint(tmp_path: Path) -> None:
+    source = files_of(tmp_path / "arm", ("one",), (UNIX,))
+    (source / "copy.csv").write_text((source / "one.csv").read_text())
+    assert len(propose_for(source, tmp_path / "out", "rad").recordings) == 2
