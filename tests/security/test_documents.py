@@ -27,7 +27,7 @@ from sealegs.common.documents import (
 )
 from sealegs.envs.described.model_file import read_model
 from sealegs.envs.engine.robot import RobotError
-from sealegs.gap.log.importers.formats import read_recordings
+from sealegs.gap.log.importers.readers import read_recordings
 from sealegs.gap.log.types import LogError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -31,8 +31,8 @@ from sealegs.envs.engine.randomization import read_randomization
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log.importers import propose_for
 from sealegs.gap.log.importers.expression import column, names_in
-from sealegs.gap.log.importers.formats import read_source
 from sealegs.gap.log.importers.mapping import converted, read_mapping
+from sealegs.gap.log.importers.readers import read_source
 from sealegs.gap.log.importers.recording import Recording
 from sealegs.gap.log.reader import read_measured
 from sealegs.hw.bus.registers import load_model

@@ -72,7 +72,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     except DocumentError as error:
         raise LogError(f"{path}: {error.problem}.") from None
     encoding = _encoding(raw[: 1 << 16], path)
-    text = LONG.sub(lambda word: word[0][:LONGEST_CELL], raw.decode(encoding, "replace"))
+    text = LONG.sub(lambda word: word[0][: LONGEST_CELL + 1], raw.decode(encoding, "replace"))
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     layout = _layout(lines[:HEAD], path)
     if encoding == "cp1252":
@@ -152,6 +152,10 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
     if start is None or not usual:
         return _Layout([], 0, separator, False, words=not usual or len(filled) < 2)
     names = _names(lines, rows, [k for k in filled if k < start], start, width, path, notes)
+    if long := next((name for name in names if len(name) > LONGEST_CELL), ""):
+        raise LogError(
+            f"{path}: column '{long[:40]}...' has a name of over {LONGEST_CELL} letters; give it a shorter one."
+        )
     comma = any("," in cell for k in filled[-20:] if k >= start for cell in rows[k] if PLAIN.match(cell.strip()))
     return _Layout(_unique(names, notes), start, separator, comma, notes)
 
