@@ -211,3 +211,15 @@ def test_tensors_are_read_and_nothing_in_their_file_is_run(tmp_path: Path) -> No
     (tmp_path / "torn.pt").write_bytes(io.BytesIO(b"PK\3\4 torn").getvalue())
     with pytest.raises(LogError, match="is no file of tensors"):
         read_recordings(tmp_path / "torn.pt")
+
+
+@pytest.mark.parametrize("kept", [0, 8])
+def test_a_tensor_beyond_its_storage_is_refused(kept: int, tmp_path: Path) -> None:
+    """With an empty storage it was read from whatever memory came behind."""
+    with zipfile.ZipFile(tensors(tmp_path / "whole.pt", {"q": TIME})) as whole:
+        pickled = whole.read("run/data.pkl")
+    with zipfile.ZipFile(tmp_path / "short.pt", "w") as archive:
+        archive.writestr("run/data.pkl", pickled)
+        archive.writestr("run/data/0", b"\0" * kept)
+    with pytest.raises(LogError, match="lies outside of its storage"):
+        read_recordings(tmp_path / "short.pt")

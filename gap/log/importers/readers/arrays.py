@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import zipfile
 from pathlib import Path
@@ -196,10 +197,12 @@ class _Tensors(pickle.Unpickler):
 
 def _tensor(storage: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
     """A tensor as an array of its own, within its storage."""
-    last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True)) if all(size) else 0
-    if min((offset, *size, *stride), default=0) < 0 or last >= len(storage) > 0 or len(size) > 4:
-        raise pickle.UnpicklingError("a tensor lies outside of its storage")
+    if min((offset, *size, *stride), default=0) < 0 or len(size) > 4:
+        raise pickle.UnpicklingError("a tensor has a shape that is none")
     if not all(size):
         return np.zeros(size, storage.dtype)
+    last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True))
+    if last >= len(storage) or math.prod(size) * storage.itemsize > RECORDING:  # a stride of 0 repeats without an end
+        raise pickle.UnpicklingError("a tensor lies outside of its storage, or is too large")
     strides = [step * storage.itemsize for step in stride]
     return np.lib.stride_tricks.as_strided(storage[offset:], size, strides).copy()
