@@ -19,6 +19,10 @@ FOLDERS = find_packages(".", include=[*PARTS, *(f"{part}.*" for part in PARTS)])
 setup(
     packages=["sealegs", *(f"sealegs.{folder}" for folder in FOLDERS)],
     package_dir={"sealegs": "."},
-    package_data={"": ["py.typed", "*.yaml", "*/*.yaml", "*.npz", "*/*.npz", "*.j2", "*.css"]},
+    package_data={
+        "": ["*.yaml", "*.npz", "*.j2", "*.css"],
+        "sealegs": ["py.typed"],
+        "sealegs.configs": ["*/*.yaml", "*/*.npz"],  # folders of choices, which are no packages
+    },
     cmdclass={"build_py": BuildPackage},
 )
