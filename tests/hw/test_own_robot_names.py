@@ -63,7 +63,7 @@ def test_a_virtual_machine_stands_in_its_pose_whatever_signs_are_in_the_names_of
     places = np.linspace(-0.4, 0.5, len(SIGNS))
     pose = dict(zip(SIGNS, places.tolist(), strict=True)) | {f"free {name}": 0.1 for name in SIGNS}
     with opened_port(config["hw"], None, robot, None, pose=pose) as opened:
-        bus = opened_bus(config["hw"], opened.ports, robot, 0.01)
+        bus = opened_bus(config["hw"], opened.within or opened.ports, robot, 0.01)
         position = robot.reading(bus.read_state(robot.all_ids)).position
         bus.close()
     assert position == pytest.approx(places, abs=2e-3)
