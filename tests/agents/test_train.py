@@ -538,7 +538,7 @@ def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
         ("agent.n_steps=[1", "cannot be read"),
         ("name=a/b", "one word without '/'"),
         ("resume=nowhere/run", "is not a run folder"),
-        ("env.randomization=nowhere.yaml", "cannot read the randomisation nowhere.yaml"),
+        ("env.randomization=nowhere.yaml", "the randomisation nowhere.yaml cannot be read"),
         ("verbose", "form key=value"),
         ("--verbose", "form key=value"),
     ],
