@@ -15,8 +15,7 @@ import json
 import sys
 from pathlib import Path
 
-from sealegs.common.errors import SealegsError
-
+from benchmarks import study
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import ALIKE, HEIGHT, JUDGED, SLIP, is_a_gait, walk
 from benchmarks.speed import RESULTS
@@ -70,8 +69,9 @@ def table(rows: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
-    """Measure, print and write; return the exit status."""
+@study
+def main() -> None:
+    """Measure, print and write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.biped_gaits", description=__doc__)
     parser.add_argument("policies", nargs="*", help="such as biped/seed0; default: all")
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
@@ -81,22 +81,14 @@ def main() -> int:
     folders = [
         f"{kind}/{path.parent.name}" for kind in KINDS for path in sorted(POLICIES.glob(f"{kind}/*/policy.json"))
     ]
-    try:
-        for name in arguments.policies or folders:
-            if name in rows and not arguments.again:
-                continue
-            rows[name] = measure(POLICIES / name)
-            print(f"{name}: {rows[name]}", flush=True)
-            rows = {key: rows[key] for key in folders if key in rows}
-            file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-            file.with_suffix(".md").write_text(table(rows), encoding="utf-8")
-    except SealegsError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("Stopped; rows that are done stay.", file=sys.stderr)
-        return 130
-    return 0
+    for name in arguments.policies or folders:
+        if name in rows and not arguments.again:
+            continue
+        rows[name] = measure(POLICIES / name)
+        print(f"{name}: {rows[name]}", flush=True)
+        rows = {key: rows[key] for key in folders if key in rows}
+        file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        file.with_suffix(".md").write_text(table(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

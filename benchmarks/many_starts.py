@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 from sealegs.agents.export import export_policy
-from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
 from sealegs.evaluation.comparison import compare, verdict
@@ -37,6 +36,7 @@ from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 from sealegs.hw.virtual.simulated_port import SimulatedPort
 
+from benchmarks import study
 from benchmarks.policies_on_the_bus import POLICIES
 from benchmarks.speed import RESULTS
 
@@ -163,8 +163,9 @@ def table(results: dict[str, dict[str, list[dict[str, Any]]]]) -> str:
     return "\n".join([*lines, "", *(bad or ["All as they should."])]) + "\n"
 
 
-def main() -> int:
-    """Measure, print and write; return the exit status."""
+@study
+def main() -> None:
+    """Measure, print and write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.many_starts", description=__doc__)
     parser.add_argument("kind", choices=list(STARTS))
     parser.add_argument("policies", nargs="*", help="such as biped/seed0; default: all")
@@ -175,25 +176,17 @@ def main() -> int:
     results: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
     names = [f"{path.parent.parent.name}/{path.parent.name}" for path in sorted(POLICIES.glob("*/*/policy.json"))]
     one: Callable[..., dict[str, Any]] = {"ends": end, "gaps": gap, "hidden": hidden_gap}[kind]
-    try:
-        for name in arguments.policies or sorted(names, key=lambda name: (name.partition("/")[2], name)):
-            rows = [] if arguments.again else results.setdefault(kind, {}).get(name, [])
-            with tempfile.TemporaryDirectory() as folder:
-                policy = Policy(export_policy(POLICIES / name, Path(folder) / "policy.onnx"))
-                more = (name.partition("/")[0],) if kind == "hidden" else ()
-                for start in range(len(rows), starts):
-                    rows.append(one(policy, start, *more))
-                    results.setdefault(kind, {})[name] = rows
-                    FILE.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
-            print(f"{name}: {sum(well(kind, row) for row in rows)} of {len(rows)} {kind} as they should", flush=True)
-            FILE.with_suffix(".md").write_text(table(results), encoding="utf-8")
-    except SealegsError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("Stopped; rows that are done stay.", file=sys.stderr)
-        return 130
-    return 0
+    for name in arguments.policies or sorted(names, key=lambda name: (name.partition("/")[2], name)):
+        rows = [] if arguments.again else results.setdefault(kind, {}).get(name, [])
+        with tempfile.TemporaryDirectory() as folder:
+            policy = Policy(export_policy(POLICIES / name, Path(folder) / "policy.onnx"))
+            more = (name.partition("/")[0],) if kind == "hidden" else ()
+            for start in range(len(rows), starts):
+                rows.append(one(policy, start, *more))
+                results.setdefault(kind, {})[name] = rows
+                FILE.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        print(f"{name}: {sum(well(kind, row) for row in rows)} of {len(rows)} {kind} as they should", flush=True)
+        FILE.with_suffix(".md").write_text(table(results), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ import numpy as np
 from sealegs.agents.export import export_policy
 from sealegs.agents.make_env import make_vec_env
 from sealegs.agents.policy_files import load_policy
-from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
 from sealegs.hw.guard.safety import Limits, Safety
@@ -36,6 +35,7 @@ from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 from sealegs.hw.virtual.machine import Machine
 
+from benchmarks import study
 from benchmarks.speed import RESULTS
 
 POLICIES = Path(__file__).resolve().parents[1] / "policies"
@@ -185,8 +185,9 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
-    """Measure, print and write; return the exit status."""
+@study
+def main() -> None:
+    """Measure, print and write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.policies_on_the_bus", description=__doc__)
     parser.add_argument("policies", nargs="*", help="such as biped/seed0; default: all")
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
@@ -196,24 +197,16 @@ def main() -> int:
     rows = {row["policy"]: row for row in json.loads(file.read_text())} if file.is_file() else {}
     folders = [f"{path.parent.parent.name}/{path.parent.name}" for path in sorted(POLICIES.glob("*/*/policy.json"))]
     wanted = arguments.policies or sorted(folders, key=lambda name: (name.partition("/")[2], name))
-    try:
-        for name in wanted:
-            if name in rows and not arguments.again:
-                continue
-            row = measure(POLICIES / name, arguments.seconds)
-            rows[name] = row
-            print(f"{name}: {row['bus']} beside {row['simulation']}: {row['share']:.2f}", flush=True)
-            if arguments.seconds == SECONDS:
-                ordered = [rows[key] for key in folders if key in rows]
-                file.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
-                file.with_suffix(".md").write_text(table(ordered), encoding="utf-8")
-    except SealegsError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("Stopped; rows that are done stay.", file=sys.stderr)
-        return 130
-    return 0
+    for name in wanted:
+        if name in rows and not arguments.again:
+            continue
+        row = measure(POLICIES / name, arguments.seconds)
+        rows[name] = row
+        print(f"{name}: {row['bus']} beside {row['simulation']}: {row['share']:.2f}", flush=True)
+        if arguments.seconds == SECONDS:
+            ordered = [rows[key] for key in folders if key in rows]
+            file.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+            file.with_suffix(".md").write_text(table(ordered), encoding="utf-8")
 
 
 if __name__ == "__main__":

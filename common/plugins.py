@@ -106,6 +106,15 @@ def module(path: Path) -> ModuleType:
         return known
     if path.suffix != ".py" or not path.is_file():
         raise SealegsError(f"plugins={path}: there is no Python file of that name.")
+    return run_file(path, name)
+
+
+def run_file(path: Path, name: str) -> ModuleType:
+    """A Python file, which a person named, as the module ``name``.
+
+    Raises:
+        SealegsError: it cannot be run; no module of that name is left.
+    """
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     made = importlib.util.module_from_spec(spec)

@@ -9,7 +9,6 @@ compared with the one that the command line names (:func:`trained_in`).
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import inspect
 import re
 import shlex
@@ -76,7 +75,7 @@ def user_id(word: str) -> str:
     if identity in gym.registry:
         gym.registry[identity] = gym.registry.pop(identity)  # the one that was named last
         return identity
-    module = _module(path, number)
+    module = plugins.run_file(path, f"sealegs_task_{number}")
     task = getattr(module, name, None)
     if task is None:
         known = [key for key, item in vars(module).items() if _is_task(item) and item.__module__ == module.__name__]
@@ -174,20 +173,3 @@ def _shell(kind: type[TaskShell], task: type[Task], name: str, module: ModuleTyp
 
 def _is_task(value: object) -> bool:
     return isinstance(value, type) and issubclass(value, Task) and not getattr(value, "__abstractmethods__", None)
-
-
-def _module(path: Path, number: str) -> ModuleType:
-    """The file as a module; what it prints or raises is the user's."""
-    name = f"sealegs_task_{number}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except SealegsError:
-        raise
-    except Exception as error:
-        del sys.modules[name]
-        raise SealegsError(f"{path} cannot be run: {type(error).__name__}: {error}.") from error
-    return module
