@@ -226,10 +226,14 @@ def _optimizer(model: BaseAlgorithm, name: str) -> torch.optim.Optimizer:
 
 
 def _running(normalizer: VecNormalize | None) -> dict[str, RunningMeanStd]:
+    """What a normaliser counts; Stable-Baselines3 makes ``obs_rms`` only where observations are normalised."""
     if normalizer is None:
         return {}
-    assert not isinstance(normalizer.obs_rms, dict)  # observations are vectors
-    return {"observation": normalizer.obs_rms, "return": normalizer.ret_rms}
+    counted = {"return": normalizer.ret_rms}
+    if normalizer.norm_obs:
+        assert not isinstance(normalizer.obs_rms, dict)  # observations are vectors
+        counted["observation"] = normalizer.obs_rms
+    return counted
 
 
 def _moments(normalizer: VecNormalize | None) -> dict[str, torch.Tensor]:

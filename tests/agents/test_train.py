@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from safetensors.torch import load_file
 from sealegs.agents import run_folder
 from sealegs.agents.algorithms import build
 from sealegs.agents.cross_evaluation import mean_reward
@@ -425,6 +426,17 @@ SMALL_SAC = [
     *(argument for argument in SMALL if not argument.startswith(("agent.n_steps", "agent.n_epochs"))),
     *("agent=sac", "agent.learning_starts=64", "agent.buffer_size=2000"),
 ]
+
+
+def test_rewards_that_are_normalised_without_observations_resume_with_their_normaliser(tmp_path: Path) -> None:
+    small = [argument for argument in SMALL if not argument.startswith("evaluate.every")]
+    ran = [*small, "evaluate.every=0", "agent.normalize.norm_obs=false", f"out={tmp_path}", "name=run"]
+    assert run(*ran, "total_timesteps=128") == 0
+    kept = load_file(tmp_path / "run" / "checkpoints" / f"{128:012d}" / "learner.safetensors")
+    assert {name for name in kept if name.startswith("normalizer")} == {
+        f"normalizer.return.{key}" for key in ("mean", "var", "count")
+    }
+    assert run(f"resume={tmp_path / 'run'}", "total_timesteps=256") == 0
 
 
 @pytest.mark.long

@@ -387,7 +387,9 @@ def test_a_loop_is_watched_from_the_moment_at_which_torque_comes_on(monkeypatch:
 @pytest.mark.long
 def test_tables_are_read_before_it_watches(tmp_path: Path) -> None:
     """A file that is edited, or a disk that is gone, once the loop has died, must not keep servos driven."""
-    code = "import json, sys\nfrom sealegs.hw import supervision\nsupervision.main(lambda: sys.argv[1].encode())\n"
+    code = (
+        "import json, sys\nfrom sealegs.hw.guard import supervision\nsupervision.main(lambda: sys.argv[1].encode())\n"
+    )
     row = json.dumps({**vars(charge()), "servo": "lost"})
     done = subprocess.run([sys.executable, "-c", code, row], capture_output=True, text=True, timeout=60, input="")
     assert done.returncode != 0 and READY.decode() not in done.stdout and "no register table" in done.stderr
