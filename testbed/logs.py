@@ -10,6 +10,7 @@ from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from .arm import record_arm
 from .bench import JOINT, nominal_chain, record_again, record_bench
+from .everyday.recorded import record_drawn
 from .hopper import record_hopper
 from .quadruped import record_walker
 from .recording import Recording
@@ -50,6 +51,7 @@ hidden_hopper = as_logs(record_hopper)
 hidden_arm = as_logs(record_arm)
 hidden_walker = as_logs(record_walker)
 hidden_wide = as_logs(record_wide)
+hidden_everyday = as_logs(record_drawn)
 
 
 def run_again(

@@ -1,0 +1,326 @@
+"""Rigid bodies and servos of the everyday machines: Kane's equations in the frame of the world, at 10 kHz.
+
+Each joint may have play behind its gearbox. Friction acts in the gearbox, on the motor's side of the play. All servos
+draw from one supply, whose voltage falls with the sum of their currents, and get their goals over one bus.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+STEP = 1e-4  # [s]
+RECORD_EVERY = 10
+REFRESH = 5  # steps between two mass matrices
+SWEEPS = 10  # of the friction impulses
+AMBIENT = 25.0  # [degC]
+HEAT_CAPACITY, HEAT_RESISTANCE = 4.0, 8.0  # of a winding [J/K, K/W]
+TOOTH_STIFFNESS, TOOTH_DAMPING = 600.0, 0.5  # [N.m/rad, N.m.s/rad], of a tooth on the heaviest link
+TOOTH_TIME = 1.5e-3  # [s] of the swing of a light link on its teeth, which makes them softer there
+STOP_STIFFNESS, STOP_DAMPING = 200.0, 1.0
+CABLE_TIME = 1.5  # [s] over which a cable relaxes
+TICK = 2.0 * math.pi / 4096
+
+
+class Links(NamedTuple):
+    """Links one behind the other, the first on the base; arrays by link, places and axes in the link before."""
+
+    place: np.ndarray  # (n, 3) of the joint [m]
+    axis: np.ndarray  # (n, 3) of the joint
+    mass: np.ndarray  # (n,) with what is fixed to it [kg]
+    centre: np.ndarray  # (n, 3) [m]
+    inertia: np.ndarray  # (n, 3, 3) about it [kg.m2]
+
+
+class Servos(NamedTuple):
+    """Servos of the joints; arrays (n,), and what they share."""
+
+    gain: np.ndarray  # duty per rad
+    duty_limit: np.ndarray
+    motor_constant: np.ndarray  # at the joint [N.m/A]
+    resistance: np.ndarray  # [ohm]
+    armature: np.ndarray  # at the joint [kg.m2]
+    coulomb: np.ndarray  # [N.m]
+    viscous: np.ndarray  # [N.m.s/rad]
+    stribeck: np.ndarray  # [N.m]
+    stribeck_velocity: np.ndarray  # [rad/s]
+    load: np.ndarray  # dry friction per torque through the gearbox
+    play: np.ndarray  # [rad]
+    loss: np.ndarray  # of the magnets [1/K]
+    goal_offset: np.ndarray  # [rad]
+    stop: np.ndarray  # upper [rad]
+    output_side: np.ndarray  # 1: the loop is closed behind the play
+    cable: np.ndarray  # [N.m/rad]
+    trip: np.ndarray  # torque above which an overload is counted [N.m]
+    volts: float
+    latency: float  # of goals on the bus [s]
+    source: float  # resistance of the supply [ohm]
+
+
+TRIP_TIME, TRIP_LEFT = 0.6, 0.4  # [s] above the threshold until the torque is cut, and what is left of it
+
+
+@numba.njit(cache=True)
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True)
+def _turned(matrix, vector, out):
+    for i in range(3):
+        out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
+
+
+@numba.njit(cache=True)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _times(a, b, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+
+
+@numba.njit(cache=True)
+def _pose(links, q, origin, axis, turn, centre, spatial, own, part):
+    """Origins, axes, turns, centres of mass and inertias in the world."""
+    n = len(q)
+    for k in range(n):
+        c, s = math.cos(q[k]), math.sin(q[k])
+        a = links.axis[k]
+        for i in range(3):
+            for j in range(3):
+                own[i, j] = (1.0 - c) * a[i] * a[j] + (c if i == j else 0.0)
+        own[0, 1] -= s * a[2]
+        own[0, 2] += s * a[1]
+        own[1, 0] += s * a[2]
+        own[1, 2] -= s * a[0]
+        own[2, 0] -= s * a[1]
+        own[2, 1] += s * a[0]
+        if k == 0:
+            origin[0] = links.place[0]
+            axis[0] = a
+            turn[0] = own
+        else:
+            _turned(turn[k - 1], links.place[k], origin[k])
+            for i in range(3):
+                origin[k, i] += origin[k - 1, i]
+            _turned(turn[k - 1], a, axis[k])
+            _times(turn[k - 1], own, turn[k])
+        _turned(turn[k], links.centre[k], centre[k])
+        for i in range(3):
+            centre[k, i] += origin[k, i]
+        _times(turn[k], links.inertia[k], part)
+        for i in range(3):
+            for j in range(3):
+                spatial[k, i, j] = part[i, 0] * turn[k, j, 0] + part[i, 1] * turn[k, j, 1] + part[i, 2] * turn[k, j, 2]
+
+
+@numba.njit(cache=True)
+def _mass_matrix(links, origin, axis, centre, spatial, out, lever, away, moment):
+    """The mass matrix (n, n) by partial velocities."""
+    n = len(links.mass)
+    out[:] = 0.0
+    for k in range(n):
+        for i in range(k + 1):
+            for c in range(3):
+                away[c] = centre[k, c] - origin[i, c]
+            _cross(axis[i], away, lever[i])
+        for i in range(k + 1):
+            _turned(spatial[k], axis[i], moment)
+            for j in range(i + 1):
+                value = links.mass[k] * _dot(lever[i], lever[j]) + _dot(moment, axis[j])
+                out[i, j] += value
+                if i != j:
+                    out[j, i] += value
+
+
+@numba.njit(cache=True)
+def _bias(links, origin, axis, centre, spatial, w, out, v):
+    """Torques (n,) that hold against gravity and the effects of speed; ``v`` (8, 3) is scratch."""
+    n = len(w)
+    omega, alpha, acc, a, b, c, force, moment = v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7]
+    out[:] = 0.0
+    omega[:] = 0.0
+    alpha[:] = 0.0
+    acc[0], acc[1], acc[2] = 0.0, 0.0, 9.81
+    for k in range(n):
+        for i in range(3):
+            a[i] = origin[k, i] - (origin[k - 1, i] if k > 0 else 0.0)
+        _cross(omega, a, b)
+        _cross(omega, b, c)
+        _cross(alpha, a, b)
+        for i in range(3):
+            acc[i] += b[i] + c[i]
+            a[i] = axis[k, i] * w[k]
+        _cross(omega, a, b)
+        for i in range(3):
+            alpha[i] += b[i]
+            omega[i] += a[i]
+            a[i] = centre[k, i] - origin[k, i]
+        _cross(omega, a, b)
+        _cross(omega, b, c)
+        _cross(alpha, a, b)
+        for i in range(3):
+            force[i] = links.mass[k] * (acc[i] + b[i] + c[i])
+        _turned(spatial[k], omega, a)
+        _cross(omega, a, b)
+        _turned(spatial[k], alpha, moment)
+        for i in range(3):
+            moment[i] += b[i]
+        for j in range(k + 1):
+            for i in range(3):
+                a[i] = centre[k, i] - origin[j, i]
+            _cross(axis[j], a, b)
+            out[j] += _dot(b, force) + _dot(axis[j], moment)
+
+
+@numba.njit(cache=True)
+def _invert(matrix, out, work):
+    """The inverse (n, n) of a positive definite matrix, by Gauss and Jordan."""
+    n = len(matrix)
+    for i in range(n):
+        for j in range(n):
+            work[i, j] = matrix[i, j]
+            out[i, j] = 1.0 if i == j else 0.0
+    for k in range(n):
+        pivot = 1.0 / work[k, k]
+        for j in range(n):
+            work[k, j] *= pivot
+            out[k, j] *= pivot
+        for i in range(n):
+            if i != k:
+                by = work[i, k]
+                for j in range(n):
+                    work[i, j] -= by * work[k, j]
+                    out[i, j] -= by * out[k, j]
+
+
+@numba.njit(cache=True)
+def simulate(links, servos, goal_time, goal, duration):
+    """Integrate from rest at the first goals.
+
+    Args:
+        links, servos: the machine.
+        goal_time, goal: when goals are sent (k,) [s], and what they are (k, n) [rad].
+        duration: [s].
+
+    Returns:
+        Times (m,), and (m, n): motor angles, link angles, duties, currents, temperatures; voltages (m,).
+    """
+    n = goal.shape[1]
+    steps = int(duration / STEP)
+    count = steps // RECORD_EVERY + 1
+    times, volts_out = np.empty(count), np.empty(count)
+    motors, angles, duties = np.empty((count, n)), np.empty((count, n)), np.empty((count, n))
+    currents, heats = np.empty((count, n)), np.empty((count, n))
+    origin, axis, centre = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    turn, spatial, own, part = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    lever, away, moment, scratch, work = np.zeros((n, 3)), np.zeros(3), np.zeros(3), np.zeros((8, 3)), np.zeros((n, n))
+    matrix, bias = np.zeros((n, n)), np.zeros(n)
+    q, w = goal[0].copy(), np.zeros(n)
+    motor, motor_w = goal[0].copy(), np.zeros(n)  # of joints with play
+    heat, relaxed, over = np.full(n, AMBIENT), goal[0].copy(), np.zeros(n)
+    tripped = np.zeros(n)
+    duty, current, impulse, dry, drive = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    torque, through, stiff, damp = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    inverse = np.eye(n)
+    split = servos.play > 0.0
+    volts, command = servos.volts, 0
+    for step in range(steps + 1):
+        now = step * STEP
+        while command + 1 < len(goal_time) and goal_time[command + 1] + servos.latency <= now:
+            command += 1
+        _pose(links, q, origin, axis, turn, centre, spatial, own, part)
+        if step % REFRESH == 0:
+            _mass_matrix(links, origin, axis, centre, spatial, matrix, lever, away, moment)
+            for i in range(n):
+                stiff[i] = min(TOOTH_STIFFNESS, matrix[i, i] * (2.0 * math.pi / TOOTH_TIME) ** 2)
+                damp[i] = TOOTH_DAMPING * stiff[i] / TOOTH_STIFFNESS
+                if not split[i]:
+                    matrix[i, i] += servos.armature[i]
+            _invert(matrix, inverse, work)
+        _bias(links, origin, axis, centre, spatial, w, bias, scratch)
+        drawn = 0.0
+        for i in range(n):
+            at, rate = (motor[i], motor_w[i]) if split[i] else (q[i], w[i])
+            read = q[i] if servos.output_side[i] > 0.0 else at
+            reading = TICK * math.floor(read / TICK + 0.5)
+            error = goal[command, i] + servos.goal_offset[i] - reading
+            duty[i] = min(max(servos.gain[i] * error, -servos.duty_limit[i]), servos.duty_limit[i])
+            constant = servos.motor_constant[i] * (1.0 - servos.loss[i] * (heat[i] - AMBIENT))
+            current[i] = (duty[i] * volts - constant * rate) / servos.resistance[i]
+            torque[i] = constant * current[i]
+            over[i] = over[i] + STEP if abs(torque[i]) > servos.trip[i] else 0.0
+            if over[i] > TRIP_TIME:
+                tripped[i] = 1.0
+            if abs(error) < 0.02:
+                tripped[i] = 0.0
+            if tripped[i] > 0.0:
+                torque[i] *= TRIP_LEFT
+                current[i] *= TRIP_LEFT
+            drawn += max(duty[i] * current[i], 0.0)
+            heat[i] += (
+                STEP / HEAT_CAPACITY * (current[i] ** 2 * servos.resistance[i] - (heat[i] - AMBIENT) / HEAT_RESISTANCE)
+            )
+        volts += 0.05 * (servos.volts - servos.source * drawn - volts)  # what capacitors smooth: 2 ms
+        if step % RECORD_EVERY == 0:
+            row = step // RECORD_EVERY
+            times[row], volts_out[row] = now, volts
+            for i in range(n):
+                motors[row, i] = motor[i] if split[i] else q[i]
+                angles[row, i], duties[row, i] = q[i], duty[i]
+                currents[row, i], heats[row, i] = current[i], heat[i]
+        for i in range(n):
+            rate = motor_w[i] if split[i] else w[i]
+            relaxed[i] += STEP / CABLE_TIME * (q[i] - relaxed[i])
+            outside = servos.cable[i] * (relaxed[i] - q[i])
+            if q[i] > servos.stop[i]:
+                outside -= max(STOP_STIFFNESS * (q[i] - servos.stop[i]) + STOP_DAMPING * w[i], 0.0)
+            external = outside - bias[i]
+            if split[i]:
+                twist, apart, tooth = motor[i] - q[i], 0.5 * servos.play[i], 0.0
+                if twist > apart:
+                    tooth = max(stiff[i] * (twist - apart) + damp[i] * (motor_w[i] - w[i]), 0.0)
+                elif twist < -apart:
+                    tooth = min(stiff[i] * (twist + apart) + damp[i] * (motor_w[i] - w[i]), 0.0)
+                drive[i] = outside + tooth - bias[i]
+                through[i] = torque[i] - servos.viscous[i] * rate - tooth
+                external = -tooth
+            else:
+                drive[i] = torque[i] - servos.viscous[i] * rate + outside - bias[i]
+            limit = servos.coulomb[i] + servos.load[i] * abs(torque[i] - external)
+            limit += servos.stribeck[i] * math.exp(-abs(rate) / servos.stribeck_velocity[i])
+            dry[i] = limit * STEP
+        for i in range(n):
+            for k in range(n):
+                w[i] += STEP * inverse[i, k] * drive[k]
+            impulse[i] = 0.0
+        for _ in range(SWEEPS):
+            largest = 0.0
+            for i in range(n):
+                if split[i]:
+                    continue
+                wanted = min(max(impulse[i] - w[i] / inverse[i, i], -dry[i]), dry[i])
+                change = wanted - impulse[i]
+                impulse[i] = wanted
+                for k in range(n):
+                    w[k] += inverse[k, i] * change
+                largest = max(largest, abs(change))
+            if largest < 1e-12:
+                break
+        for i in range(n):
+            if split[i]:
+                free = motor_w[i] + STEP * through[i] / servos.armature[i]
+                most = dry[i] / servos.armature[i]
+                motor_w[i] = 0.0 if abs(free) <= most else free - math.copysign(most, free)
+                motor[i] += STEP * motor_w[i]
+            q[i] += STEP * w[i]
+    return times, motors, angles, duties, currents, heats, volts_out
