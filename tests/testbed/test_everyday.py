@@ -115,7 +115,7 @@ def row(shared: list[dict[str, Any]], **joints: list[dict[str, Any]]) -> dict[st
 
 def test_the_largest_effect_counts_where_it_is_first_and_its_interval_holds_the_truth() -> None:
     bus = [named("drive.delay", 0.7, delay__seconds=[0.021, 0.019, 0.022])]
-    found = row(bus, knee=[named("friction.coulomb", 0.8, **{"friction__coulomb*": [2.1, 1.9, 2.2]})])
+    found = row(bus, knee=[named("friction.coulomb", 0.8, friction__coulomb=[0.11, 0.09, 0.12])])
     assert right_first(found, "hip") == "right" and right_first(found, "knee") == "right"
     assert one_latency(found) and false_names(found) == ([], 2)
     narrow = row([named("drive.delay", 0.7, delay__seconds=[0.018, 0.017, 0.019])])
