@@ -16,7 +16,7 @@ import numpy as np
 from sealegs.gap.causes.unknown import with_believed_load
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.free import FreeProblem, free_problem
-from sealegs.gap.replay.steps import converged
+from sealegs.gap.replay.joint_problem import converged
 from sealegs.gap.verdict.checking import check_log
 from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.pieces import cut_joint

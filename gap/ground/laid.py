@@ -48,7 +48,7 @@ class Laid:
         errors = fitted.errors(fitted.simulate([{}])[0]) * fitted.weight
         used = fitted.weight > 0.0
         size = np.where(used, np.nan_to_num(np.nanmean(np.where(used, errors, 0.0) ** 2, axis=0)), -1.0)
-        return replace(problem, told=int(np.argmax(size)))
+        return replace(problem, told_in=int(np.argmax(size)))
 
 
 def too_few(count: int, tested: int, held: bool, group: str | None, pieces: str) -> str | None:

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from ..log.parts import ENOUGH_RUNS, TEST, Unit, held_out
 from ..log.types import MeasuredRun
-from ..replay.problem import CALIBRATION, Nominal
-from ..replay.robust import robust_loss
-from ..replay.selection import select
+from ..replay.comparison import robust_loss
+from ..replay.problem import CALIBRATION, Nominal, Problem
 from .stances import Stance
 
 FLOOR = 0.8  # squared error over that of the noise that a right model reaches: the noise is known with a margin
@@ -86,76 +85,32 @@ class Judged:
         return np.where(np.isfinite(total), 1.0 / np.where(np.isfinite(total), total, 1.0), 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class GroundProblem:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GroundProblem(Problem):
     """Pieces as units; the judged columns as channels.
 
-    It is a :class:`sealegs.gap.replay.problem.Problem`.
-
     Attributes:
-        units: stances.
-        time: of the samples of all stances since the start of their run, one behind the other (n,) [s].
-        starts: first sample of each stance and the end of the last (u + 1,).
         columns: what is judged.
-        measured: judged columns (n, c), NaN where not logged.
-        weight: one over the noise of each column (c,), 0 where it was not logged.
-        judged: samples that count (n,).
         models: the robot as believed, the same for all runs.
-        replayer: the engine, with all stances in it.
-        rows: number of each unit's stance in the replayer.
+        replayer: the engine, with all pieces in it.
+        rows: number of each unit's piece in the replayer.
         whitening: per unit, matrix that turns its errors, in parts of the noise, into independent ones (m, m).
         correction: per unit, matrix that takes from them what is the start state's (m, m).
-        told: number of the column that the gap is told in.
     """
 
-    units: tuple[Unit, ...]
-    time: np.ndarray
-    starts: np.ndarray
     columns: Judged
-    measured: np.ndarray
-    weight: np.ndarray
-    judged: np.ndarray
     models: tuple[Grounded, ...]
     replayer: Replayer
     rows: tuple[int, ...]
     whitening: tuple[np.ndarray, ...]
     correction: tuple[np.ndarray, ...]
-    told: int = 0
 
-    @property
-    def joint(self) -> None:
-        """None: a legged robot has several."""
-        return None
-
-    @property
-    def free_joint(self) -> None:
-        """None, likewise."""
-        return None
-
-    @property
-    def open_loop(self) -> bool:
-        """Goals hold its joints."""
-        return False
+    per_unit: ClassVar[tuple[str, ...]] = ("rows", "whitening", "correction")
 
     @property
     def sampled(self) -> tuple[int, ...]:
         """All columns are compared sample by sample."""
         return tuple(range(len(self.columns.names)))
-
-    @property
-    def groups(self) -> int:
-        """None are averaged."""
-        return 0
-
-    @property
-    def step(self) -> float:
-        """Step of the engine [s]."""
-        return self.replayer.step
-
-    @property
-    def temperature_range(self) -> float:
-        """None: contact depends on no temperature [K]."""
-        return 0.0
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -165,17 +120,7 @@ class GroundProblem:
     @property
     def signal(self) -> tuple[str, str]:
         """The column that the gap is told in, and its unit."""
-        return self.columns.names[self.told], self.columns.units[self.told]
-
-    @property
-    def noise(self) -> float:
-        """Noise floor of the column that the gap is told in [m or rad]."""
-        return 1.0 / float(self.weight[self.told])
-
-    def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
-        """None: errors are independent here, so that their structure needs no learner."""
-        del simulated
-        return {}
+        return self.columns.names[self.told_in], self.columns.units[self.told_in]
 
     def left_over(self, simulated: np.ndarray) -> float | None:
         """Mean squared error beyond the noise, in parts of it; errors are independent here, so it needs no learner."""
@@ -184,10 +129,6 @@ class GroundProblem:
     def excess_loss(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, whose size is known with a margin."""
         return float(robust_loss(self.residual(simulated[None])[0]).mean()) - FLOOR
-
-    def chain(self, values: Mapping[str, float]) -> None:
-        """None: a robot on the ground has a chain for each of its joints."""
-        del values
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         """The whole robot, its joints as diagnosed, on the ground that was found."""
@@ -201,26 +142,6 @@ class GroundProblem:
     def systematic_error(self, path: str) -> float:
         """Two right models of contact agree on the slope, and only roughly on what the ground does with a force."""
         return CALIBRATION if path.startswith("contact.slope") else self.columns.law_error
-
-    def part(self, *parts: int) -> Self:
-        """The problem that has only the stances of these parts."""
-        kept = select(self.units, self.starts, parts)
-        return replace(
-            self,
-            units=kept.units,
-            starts=kept.starts,
-            time=self.time[kept.rows],
-            measured=self.measured[kept.rows],
-            judged=self.judged[kept.rows],
-            rows=tuple(self.rows[k] for k in kept.numbers),
-            whitening=tuple(self.whitening[k] for k in kept.numbers),
-            correction=tuple(self.correction[k] for k in kept.numbers),
-        )
-
-    def with_step_factor(self, factor: float) -> Self:
-        """The problem itself: the engine's step is the same whatever plays or switches."""
-        del factor
-        return self
 
     def weighed(self, values: Mapping[str, float]) -> Self:
         """The problem with the uncertainty of the start states carried through another ground.
@@ -259,15 +180,11 @@ class GroundProblem:
         counts = np.array([len(matrix) for matrix in self.whitening])
         return np.repeat(np.arange(len(counts)), counts), counts
 
-    def block_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Sum of the losses of independent errors per stance (u,), of one variant (n, c)."""
-        return np.bincount(self.blocks()[0], robust_loss(self.residual(simulated[None])[0]))
-
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of the column that the gap is told in, of one variant (n, c) [m or rad], less what
         the start state's uncertainty explains.
         """
-        return self.errors(simulated)[self.judged, self.told]
+        return self.errors(simulated)[self.judged, self.told_in]
 
     def errors(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of one variant (n, c) as :meth:`position_error`, in the columns' units, NaN where not judged."""
@@ -328,6 +245,7 @@ def ground_problem(
         weight=weight,
         judged=judged,
         models=(model,),
+        step=replayer.step,
         replayer=replayer,
         rows=rows,
         whitening=whitening,

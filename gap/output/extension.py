@@ -17,8 +17,8 @@ from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
+from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Target, about, address
-from ..replay.problem import JointProblem
 from ..shared import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native

@@ -16,9 +16,8 @@ from ..log.parts import TEST
 from ..log.progress import Milestone, Progress
 from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
-from ..replay.problem import JointProblem
+from ..replay.joint_problem import JointProblem, largest_step
 from ..replay.simulator import joint_state
-from ..replay.steps import largest_step
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document
 from .extension import as_taken, changes, not_native, write_extended, write_extension

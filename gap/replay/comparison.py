@@ -1,4 +1,8 @@
-"""Channels of a joint compared: some sample by sample, others as means over groups of samples."""
+"""Channels of a joint compared: some sample by sample, others as means over groups of samples.
+
+How much an error counts: squared while it is small against the noise, by its size beyond that. One jam, or one run that
+went another way, then neither steers a fit nor decides between causes.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,17 @@ from functools import cached_property
 
 import numpy as np
 
-from .robust import robust_loss
+ROBUST = 6.0  # noise floors
+
+
+def robust_loss(error: np.ndarray) -> np.ndarray:
+    """Loss of each error, which is in noise floors: nearly its square up to :data:`ROBUST`."""
+    return 2.0 * ROBUST**2 * (np.sqrt(1.0 + (error / ROBUST) ** 2) - 1.0)
+
+
+def robust_weight(error: np.ndarray) -> np.ndarray:
+    """Slope of the loss over that of the square: 1 for small errors, falling beyond :data:`ROBUST`."""
+    return 1.0 / np.sqrt(1.0 + (error / ROBUST) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +111,3 @@ class Comparison:
         parts += [self.block[self.groups.first] for c in self.averaged if self.weight[c] > 0.0]
         _, number = np.unique(np.concatenate(parts), return_inverse=True)
         return number, np.bincount(number)
-
-    def block_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Sum of the losses of weighted errors per block (b,), of one variant (n, 4); see :mod:`gap.replay.robust`."""
-        return np.bincount(self.blocks[0], robust_loss(self.residual(simulated[None])[0]))
-
-    def sample_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of the first channel of one variant (n, 4) at the judged samples, in its unit."""
-        return (simulated[:, 0] - self.measured[:, 0])[self.judged]

@@ -7,7 +7,7 @@ listed in a finding: everything about the load, and what needs a column that the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -20,10 +20,8 @@ from ..log.types import JointLog, LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
 from .joint_model import JointModel
-from .joint_replay import JointReplay
+from .joint_problem import Batch, JointProblem
 from .layout import lay_out
-from .problem import JointProblem
-from .variants import Batch
 
 # of a hinge
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
@@ -32,12 +30,12 @@ MOST_LATE = 0.1  # [s] by which its goals may act later than believed
 MOST_DELAYS = 40  # delays that are tried up to there
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenProblem(JointReplay):
-    """Units of one joint whose link moves as measured; a :class:`sealegs.gap.replay.problem.JointProblem`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DrivenProblem(JointProblem):
+    """Units of one joint whose link moves as measured.
 
     Attributes:
-        link: position, speed and acceleration of the link (n, 3) [rad, rad/s, rad/s2].
+        link: its position, speed and acceleration (n, 3) [rad, rad/s, rad/s2].
         told: what was logged of the judged channel where it is not judged, else NaN (n,): an integral begins with it.
         first: which of :data:`sealegs.gap.replay.driven_simulator.CHANNELS` is judged sample by sample; it comes first
             in ``measured`` and in what is simulated, in exchange with the position.
@@ -46,42 +44,22 @@ class DrivenProblem(JointReplay):
         read_early: whether it shows itself that its columns were read before the goals of their rows acted.
     """
 
-    link: np.ndarray = field(kw_only=True)
-    told: np.ndarray = field(kw_only=True)
-    first: int = field(default=0, kw_only=True)
-    torque_side: TorqueSide = field(default="shaft", kw_only=True)
-    side_reason: Reason = field(default="assumed", kw_only=True)
-    read_early: bool = field(default=False, kw_only=True)
+    link: np.ndarray
+    told: np.ndarray
+    first: int = 0
+    torque_side: TorqueSide = "shaft"
+    side_reason: Reason = "assumed"
+    read_early: bool = False
 
     by_sample: ClassVar[tuple[int, ...]] = (0,)
     by_group: ClassVar[tuple[int, ...]] = (1, 2, 3)
-    per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "link", "told")
-
-    @property
-    def joint(self) -> JointProblem:
-        """Itself."""
-        return self
-
-    @property
-    def free_joint(self) -> None:
-        """None: what its link would do in another motion nobody knows."""
-        return None
-
-    @property
-    def terms(self) -> None:
-        """None: what holds the link is not asked."""
-        return None
+    per_sample: ClassVar[tuple[str, ...]] = (*JointProblem.per_sample, "told")
 
     def picture(self, named: str) -> str:
         """The response; of a spring the torque that it passes on. The pictures show motion, which may be given."""
         if self.signal[0] != "position":
             return ""
         return "passed_torque" if named == "hysteresis" and is_elastic(self.models[0]) else "response"
-
-    @property
-    def open_loop(self) -> bool:
-        """It moves as measured."""
-        return False
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -159,28 +137,19 @@ def driven_problem(
         measured = measured[:, _exchanged(first)]
         weight[0] = 1.0 / typical_noise(plain.time, measured[:, 0], plain.starts)
     said = said_side(runs, joint)
-    return with_shown_side(DrivenProblem(
-        units=plain.units,
-        params=plain.params,
-        time=plain.time,
-        goal=plain.goal,
-        on=plain.on,
-        temperature=plain.temperature,
-        starts=plain.starts,
-        states=plain.states,
-        measured=measured,
-        weight=weight,
-        judged=plain.judged & np.isfinite(measured[:, 0]),  # torque, current and duty may have empty cells
-        block=plain.block,
-        group=plain.group,
-        reliability=np.ones(measured.shape),
-        models=tuple(models),
-        link=link,
-        told=np.where(plain.judged, np.nan, measured[:, 0]),
-        first=first,
-        torque_side=said or "shaft",
-        side_reason="said" if said else "assumed",
-    ))  # fmt: skip
+    return with_shown_side(DrivenProblem(**{
+        **vars(plain),
+        "measured": measured,
+        "judged": plain.judged & np.isfinite(measured[:, 0]),  # torque, current and duty may have empty cells
+        "weight": weight,
+        "models": tuple(models),
+        "terms": None,
+        "link": link,
+        "told": np.where(plain.judged, np.nan, measured[:, 0]),
+        "first": first,
+        "torque_side": said or "shaft",
+        "side_reason": "said" if said else "assumed",
+    }))  # fmt: skip
 
 
 def with_shown_side(problem: DrivenProblem) -> DrivenProblem:

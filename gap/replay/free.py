@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -12,47 +12,25 @@ from ..load.terms import T_COLUMNS
 from ..log.parts import Unit
 from ..log.types import MeasuredRun
 from .joint_model import JointModel
-from .joint_replay import JointReplay
+from .joint_problem import ROBOT_STEP, STEPS, Batch, JointProblem
 from .layout import lay_out
-from .problem import OF_A_ROBOT, JointProblem
+from .problem import OF_A_ROBOT
 from .simulator import CHANNELS, replay_many
-from .steps import ROBOT_STEP, STEPS
-from .variants import Batch
 
 NO_TERMS = np.zeros((0, T_COLUMNS))
 
 
-@dataclass(frozen=True, eq=False)
-class FreeProblem(JointReplay):
-    """Units of one joint whose load is known; a :class:`sealegs.gap.replay.problem.JointProblem`.
-
-    The channels are :data:`sealegs.gap.replay.simulator.CHANNELS`.
-
-    Attributes:
-        terms: of a joint of a robot, what it works against at the samples (n, T_COLUMNS)
-            (:mod:`sealegs.gap.load.terms`); None of a bench.
-    """
-
-    terms: np.ndarray | None = field(default=None, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FreeProblem(JointProblem):
+    """Units of one joint whose load is known; the channels are :data:`sealegs.gap.replay.simulator.CHANNELS`."""
 
     by_sample: ClassVar[tuple[int, ...]] = (0, 1)
     by_group: ClassVar[tuple[int, ...]] = (2, 3)
-    per_sample: ClassVar[tuple[str, ...]] = (*JointReplay.per_sample, "terms")
-
-    @property
-    def joint(self) -> JointProblem:
-        """Itself."""
-        return self
 
     @property
     def free_joint(self) -> JointProblem:
         """Itself: any other motion can be simulated as this one is."""
         return self
-
-    @property
-    def link(self) -> None:
-        """None: it is simulated."""
-        return None
 
     @property
     def steps(self) -> tuple[float, ...]:
@@ -110,20 +88,9 @@ def free_problem(
     """
     laid = lay_out(runs, joint, units, models[0].by_torque)
     return FreeProblem(
-        units=laid.units,
-        params=laid.params,
-        time=laid.time,
-        goal=laid.goal,
-        on=laid.on,
-        temperature=laid.temperature,
-        starts=laid.starts,
-        states=laid.states,
-        measured=laid.measured,
+        **vars(laid),
         weight=np.array([weight.get(channel, 0.0) for channel in CHANNELS]),
-        judged=laid.judged,
-        block=laid.block,
-        group=laid.group,
-        reliability=np.ones((len(laid.time), len(CHANNELS))),
         models=tuple(models),
+        link=None,
         terms=None if terms is None else np.concatenate([terms[u.run][u.start : u.stop] for u in laid.units]),
     )

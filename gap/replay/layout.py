@@ -1,4 +1,7 @@
-"""The runs of one joint as flat columns, one sample behind the other."""
+"""The runs of one joint as flat columns, one sample behind the other.
+
+The temperature of a motor is known between the steps of its column, from the heat that its current brings.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from ..load.pendulum import bench_parameters
 from ..log.gaps import known_commands
 from ..log.parts import LEAST_START, WARM_UP, Unit
 from ..log.types import LogError, MeasuredRun
-from .heating import heated
 from .simulator import CHANNELS
 
 BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
@@ -21,24 +23,16 @@ GROUP = (
     0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
 )
 ROOM = Thermal.temperature  # [degC] of a motor whose temperature was not logged
+COARSE = 0.5  # [K] step of a column from which the current tells more than the column
+MOST_RANGE = 8.0  # [K] of a column; one that goes further shows the warming itself
+TIMES = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0)  # [s] in which heat leaves: of motors of servos, assumed
+WITHIN = 0.6  # rms of the difference to the column, in parts of its step; rounding alone leaves 0.29
+SHORTEST = 2.0  # [s] of a run below which nothing warms
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Units of one joint as flat columns.
-
-    Attributes:
-        units: pieces of runs, by run and start.
-        params: bench parameters of each run; empty where the link is driven.
-        time, goal, on, temperature: samples of all units one behind the other (n,) [s, rad, 1, degC]; the goal is what
-            is commanded, a torque [N.m] where the chain takes one.
-        starts: first sample of each unit and the end of the last (u + 1,).
-        states: position and speed of the units at their start (u, 2) [rad, rad/s].
-        measured: channels as :data:`sealegs.gap.replay.simulator.CHANNELS` (n, 4), NaN where not logged.
-        judged: samples that count (n,).
-        block: number of the block each sample belongs to (n,).
-        group: number of the group of samples over which duty and current are averaged (n,), -1 where they do not count.
-    """
+    """Units of one joint as flat columns: attributes of :class:`sealegs.gap.replay.joint_problem.JointProblem`."""
 
     units: tuple[Unit, ...]
     params: tuple[dict[str, float], ...]
@@ -52,6 +46,7 @@ class Layout:
     judged: np.ndarray
     block: np.ndarray
     group: np.ndarray
+    reliability: np.ndarray
 
 
 def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_torque: bool = False) -> Layout:
@@ -107,6 +102,7 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_t
         judged=np.concatenate(judged),
         block=np.concatenate(block),
         group=np.concatenate(group),
+        reliability=np.ones((starts[-1], len(CHANNELS))),
     )
 
 
@@ -149,3 +145,48 @@ def between_steps(time: np.ndarray, values: np.ndarray) -> np.ndarray:
         return values
     middle = 0.5 * (values[change] + values[change + 1])
     return np.interp(time, 0.5 * (time[change] + time[change + 1]), middle)
+
+
+def heated(time: np.ndarray, temperature: np.ndarray, current: np.ndarray | None) -> np.ndarray:
+    """The temperature (n,) [degC] with what rounding hid of it, where current and column agree.
+
+    The winding takes heat with the square of the current and loses it to its surroundings: ``dT/dt = a i^2 - (T - T0) /
+    tau``. ``a``, ``T0`` and the start are fitted to the column, for each of a few ``tau``.
+
+    Args:
+        time: of the samples (n,) [s].
+        temperature: as logged, in steps (n,) [degC].
+        current: of the motor (n,) [A]; None where it was not logged.
+    """
+    if current is None or time[-1] - time[0] < SHORTEST:
+        return temperature
+    read, known = np.isfinite(temperature), np.isfinite(current)
+    if read.sum() < 100 or known.mean() < 0.5:
+        return temperature
+    levels = np.unique(temperature[read])
+    step = float(np.min(np.diff(levels))) if len(levels) > 1 else 1.0
+    if step < COARSE or len(levels) < 2 or np.ptp(levels) > MOST_RANGE:
+        return temperature
+    heat = np.interp(time, time[known], current[known]) ** 2
+    best, least = temperature, WITHIN * step
+    for tau in TIMES:
+        warm, start = _filtered(time, heat, tau), np.exp(-(time - time[0]) / tau)
+        terms = np.stack([warm, np.ones(len(time)), start], axis=1)
+        scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
+        size = np.linalg.lstsq(terms[read] / scale, temperature[read], rcond=1e-6)[0] / scale
+        estimate = terms @ size
+        error = float(np.sqrt(np.mean((estimate - temperature)[read] ** 2)))
+        if size[0] > 0.0 and error < least:
+            best, least = estimate, error
+    return best
+
+
+def _filtered(time: np.ndarray, heat: np.ndarray, tau: float) -> np.ndarray:
+    """Warming (n,) by heat (n,) that leaves within ``tau`` [s], from none."""
+    kept = np.exp(-np.diff(time) / tau)
+    out = np.zeros(len(time))
+    level = 0.0
+    for k, share in enumerate(kept):
+        level = share * level + (1.0 - share) * heat[k]
+        out[k + 1] = level
+    return out

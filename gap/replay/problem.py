@@ -1,17 +1,26 @@
-"""What a search asks of logged data that a model can replay, whatever moves there: a joint, or a leg on the ground."""
+"""What a search asks of logged data that a model can replay, whatever moves there: the base of all kinds of problems.
+
+A joint is free, driven by its measured motion, or judged by its torque; a robot stands on a ground; joints share
+numbers of their robot. Each kind says how it is simulated and compared. What none of them does otherwise is here.
+"""
 
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import Field
-from typing import Any, ClassVar, Protocol, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from ...actuators import Chain
 from ..log.parts import Unit
-from .joint_model import JointModel
+from ..log.types import LogError
+from .comparison import robust_loss
+
+if TYPE_CHECKING:
+    from .joint_problem import JointProblem
 
 CALIBRATION = 0.01
 """Relative error that columns and simulation share in all data of a joint: assumed."""
@@ -35,234 +44,186 @@ class Nominal(Protocol):
         ...
 
 
-class Problem(Protocol):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem(ABC):
     """Pieces of runs (units) one behind the other, n samples in all, and a replay of them with any model.
 
-    Channels are columns of what is measured and simulated (n, 4). A residual is weighted: one is the noise. Its entries
+    Channels are columns of what is measured and simulated (n, c). A residual is weighted: one is the noise. Its entries
     fall into blocks, within which they are not independent. A changed one is made by :func:`dataclasses.replace`.
+
+    Attributes:
+        units: pieces of runs, each in one part of the data.
+        time: of the samples since the start of their run (n,) [s].
+        starts: first sample of each unit and the end of the last (u + 1,).
+        measured: channels as logged (n, c), NaN where they were not.
+        weight: one over the noise of each channel (c,), 0 where it does not count.
+        judged: samples that count (n,).
+        models: what is believed; of a joint one model for each run.
+        step: largest step of the replay [s].
+        told_in: number of the channel that the gap is told in.
+        per_sample, per_unit: names of the attributes with one entry per sample, and per unit.
     """
 
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+    units: tuple[Unit, ...]
+    time: np.ndarray
+    starts: np.ndarray
+    measured: np.ndarray
+    weight: np.ndarray
+    judged: np.ndarray
+    models: tuple[Nominal, ...]
+    step: float = 1e-3
+    told_in: int = 0
+
+    per_sample: ClassVar[tuple[str, ...]] = ("time", "measured", "judged")
+    per_unit: ClassVar[tuple[str, ...]] = ()
+
+    # --- what each kind says ---------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+
+    @property
+    @abstractmethod
+    def sampled(self) -> tuple[int, ...]:
+        """Channels that are compared sample by sample."""
+
+    @property
+    @abstractmethod
+    def signal(self) -> tuple[str, str]:
+        """The channel that the gap is told in, and its unit."""
+
+    @abstractmethod
+    def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
+        """Channels (v, n, c) of the models with each variant of their numbers, by path.
+
+        A variant that makes no model is far from anything measured.
+        """
+
+    @abstractmethod
+    def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
+        """Weighted errors (v, m) of simulated channels (v, n, c), of every so many of what is judged."""
+
+    @abstractmethod
+    def blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """Block number of each entry of :meth:`residual` (m,), counted from zero, and entries per block (b,)."""
+
+    # --- what most kinds have in common ----------------------------------------------------------------------------
 
     @property
     def joint(self) -> JointProblem | None:
         """Itself with what only one joint has: goals, bench parameters and a chain; None of several joints."""
-        ...
+        return None
 
     @property
     def free_joint(self) -> JointProblem | None:
         """The same, where its link moves as the torques on it say, so that other motions can be foreseen; else None."""
-        ...
+        return None
 
     @property
     def open_loop(self) -> bool:
         """Whether nothing holds a replay near what was measured, so that its small errors add up."""
-        ...
-
-    @property
-    def units(self) -> tuple[Unit, ...]:
-        """Pieces of runs, each in one part of the data."""
-        ...
-
-    @property
-    def models(self) -> Sequence[Nominal]:
-        """What is believed; of a joint one model for each run."""
-        ...
-
-    @property
-    def time(self) -> np.ndarray:
-        """Time since the start of the run (n,) [s]."""
-        ...
-
-    @property
-    def starts(self) -> np.ndarray:
-        """First sample of each unit and the end of the last (u + 1,)."""
-        ...
-
-    @property
-    def measured(self) -> np.ndarray:
-        """Channels as logged (n, 4), NaN where they were not."""
-        ...
-
-    @property
-    def weight(self) -> np.ndarray:
-        """One over the noise of each channel (4,), 0 where it does not count."""
-        ...
-
-    @property
-    def judged(self) -> np.ndarray:
-        """Samples that count (n,)."""
-        ...
-
-    @property
-    def step(self) -> float:
-        """Largest step of the replay [s]."""
-        ...
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels."""
-        ...
-
-    @property
-    def sampled(self) -> tuple[int, ...]:
-        """Channels that are compared sample by sample."""
-        ...
+        return False
 
     @property
     def groups(self) -> int:
-        """How many groups of samples the other channels are averaged over before they are compared."""
-        ...
-
-    @property
-    def signal(self) -> tuple[str, str]:
-        """The channel that the gap is told in, which comes first, and its unit."""
-        ...
+        """How many groups of samples are averaged before the channels that are not sampled are compared."""
+        return 0
 
     @property
     def noise(self) -> float:
-        """Noise floor of that channel, in its unit."""
-        ...
+        """Noise floor of the channel that the gap is told in, in its unit."""
+        return 1.0 / float(self.weight[self.told_in])
 
     @property
     def temperature_range(self) -> float:
         """By how much the logged temperature of a motor varies [K]; 0 where nothing that is replayed depends on it."""
-        ...
+        return 0.0
 
     def part(self, *parts: int) -> Self:
-        """The problem that has only the units of these parts: what is not in it cannot be seen by accident."""
-        ...
+        """The problem that has only the units of these parts: what is not in it cannot be seen by accident.
+
+        Raises:
+            LogError: there is none.
+        """
+        chosen, rows, starts = rows_of(self, parts)
+        kept = {name: values[rows] for name in self.per_sample if (values := getattr(self, name)) is not None}
+        kept |= {name: _chosen(getattr(self, name), chosen) for name in ("units", *self.per_unit)}
+        return replace(self, starts=starts, **kept)
 
     def with_step_factor(self, factor: float) -> Self:
         """The problem with so many times longer a step of what plays and switches, where the replay has such a step."""
-        ...
-
-    def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
-        """Channels (v, n, 4) of the models with each variant of their numbers, by path.
-
-        A variant that makes no model is far from anything measured.
-        """
-        ...
-
-    def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
-        """Weighted errors (v, m) of simulated channels (v, n, 4), of every so many of what is judged."""
-        ...
-
-    def blocks(self) -> tuple[np.ndarray, np.ndarray]:
-        """Block number of each entry of :meth:`residual` (m,), counted from zero, and entries per block (b,)."""
-        ...
+        del factor
+        return self
 
     def block_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Sum of the losses of weighted errors per block (b,), of one variant (n, 4); see :mod:`gap.replay.robust`."""
-        ...
+        """Sum of the losses of weighted errors per block (b,), of one variant (n, c)."""
+        numbers, sizes = self.blocks()
+        return np.bincount(numbers, robust_loss(self.residual(simulated[None])[0]), len(sizes))
 
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of one variant (n, 4) at the judged samples in the unit of :attr:`signal`."""
-        ...
+        """Errors of one variant (n, c) at the judged samples in the unit of :attr:`signal`."""
+        return (simulated[:, self.told_in] - self.measured[:, self.told_in])[self.judged]
 
     def errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of one variant (n, 4) in the units of the channels, NaN where they are not judged."""
-        ...
+        """Errors of one variant (n, c) in the units of the channels, NaN where they are not judged."""
+        return np.where(self.judged[:, None], simulated - self.measured, np.nan)
 
     def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
-        """Signals (n,) that errors of a model (n, 4) may depend on, by name; none where one joint alone has none."""
-        ...
+        """Signals (n,) that errors of a model (n, c) may depend on, by name; none where one joint alone has none."""
+        del simulated
+        return {}
 
     def left_over(self, simulated: np.ndarray) -> float | None:
-        """Mean squared error of a model (n, 4) beyond the noise, in parts of it, where the problem itself can tell."""
-        ...
+        """Mean squared error of a model (n, c) beyond the noise, in parts of it, where the problem itself can tell."""
+        del simulated
+        return None
 
     def excess_loss(self, simulated: np.ndarray) -> float | None:
-        """Loss per judged value of a model (n, 4) beyond that of noise, where the problem itself can tell."""
-        ...
+        """Loss per judged value of a model (n, c) beyond that of noise, where the problem itself can tell."""
+        del simulated
+        return None
 
     def chain(self, values: Mapping[str, float]) -> Chain | None:
         """The chain of the first run with fitted values; None where the problem is not that of one joint."""
-        ...
+        del values
+        return None
 
     def mjcf(self, values: Mapping[str, float]) -> str | None:
         """The whole machine with fitted values, where it is more than a chain and what hangs on it; else None."""
-        ...
+        del values
+        return None
 
     def picture(self, named: str) -> str:
         """Which picture shows a cause in this replay that names one; empty where none does."""
-        ...
+        del named
+        return ""
 
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
-        ...
+        del path
+        return CALIBRATION
 
 
-class JointProblem(Problem, Protocol):
-    """One joint, its link free or driven."""
+def rows_of(problem: Problem, parts: Sequence[int]) -> tuple[list[int], np.ndarray, np.ndarray]:
+    """Numbers of the units of some parts, their samples (k,), and first of these of each and the end of the last.
 
-    @property
-    def models(self) -> tuple[JointModel, ...]:
-        """Nominal joint of each run (they may differ, for example in their gain)."""
-        ...
+    Raises:
+        LogError: there is none.
+    """
+    starts = problem.starts
+    chosen = [k for k, unit in enumerate(problem.units) if unit.part in parts]
+    if not chosen:
+        raise LogError("the logs are too short to keep some for choosing and testing; record more runs or longer ones.")
+    rows = np.concatenate([np.arange(starts[k], starts[k + 1]) for k in chosen])
+    sizes = [starts[k + 1] - starts[k] for k in chosen]
+    return chosen, rows, np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
-    @property
-    def params(self) -> tuple[dict[str, float], ...]:
-        """Bench parameters of each run; empty where the link is driven."""
-        ...
 
-    @property
-    def goal(self) -> np.ndarray:
-        """Commanded position (n,) [rad]."""
-        ...
-
-    @property
-    def on(self) -> np.ndarray:
-        """Whether the drive was on (n,)."""
-        ...
-
-    @property
-    def temperature(self) -> np.ndarray:
-        """Of the motor (n,) [degC]."""
-        ...
-
-    @property
-    def states(self) -> np.ndarray:
-        """Position and speed of the units at their start (u, 2) [rad, rad/s]."""
-        ...
-
-    @property
-    def group(self) -> np.ndarray:
-        """Number of the group of samples over which duty and current are averaged (n,), -1 where they do not count."""
-        ...
-
-    @property
-    def reliability(self) -> np.ndarray:
-        """Factor on the weight of averaged channels (n, 4), the same for all samples of a group
-        (:mod:`sealegs.gap.search.channels`).
-        """
-        ...
-
-    @property
-    def terms(self) -> np.ndarray | None:
-        """What a joint of a robot works against at the samples (n, T_COLUMNS); None where the load's numbers say it."""
-        ...
-
-    @property
-    def link(self) -> np.ndarray | None:
-        """Position, speed and acceleration of a link that moves as measured (n, 3); None where it is simulated."""
-        ...
-
-    @property
-    def steps(self) -> tuple[float, ...]:
-        """Steps of the simulator to try, the longest first [s]."""
-        ...
-
-    @property
-    def coarse(self) -> float:
-        """How many times longer the step of play and of firmware that switches is than
-        :func:`sealegs.gap.replay.steps.largest_step`.
-        """
-        ...
-
-    def means(self, signal: np.ndarray) -> np.ndarray:
-        """Means (..., g) of a signal (..., n) over the groups of samples; NaN where one of them is missing."""
-        ...
+def _chosen(values: Any, numbers: Sequence[int]) -> Any:
+    """Some entries of an array or a tuple, in the same kind."""
+    return values[numbers] if isinstance(values, np.ndarray) else tuple(values[k] for k in numbers)
 
 
 def periods_of(problem: Problem) -> list[float]:

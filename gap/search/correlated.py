@@ -11,14 +11,14 @@ import itertools
 import numpy as np
 
 from ..checks.signal import quantisation_step
+from ..replay.comparison import robust_loss
 from ..replay.problem import Problem, periods_of
-from ..replay.robust import robust_loss
 
 MEMORY = 0.025  # [s] errors up to this far apart share what the model gets wrong
 
 
 def excess(problem: Problem, simulated: np.ndarray, seed: int = 0) -> float:
-    """Loss per judged value (:mod:`sealegs.gap.replay.robust`) of a model (n, 4) beyond what noise has of it.
+    """Loss per judged value (:mod:`sealegs.gap.replay.comparison`) of a model (n, 4) beyond what noise has of it.
 
     Of what is judged sample by sample, and of the means of groups of samples.
     """

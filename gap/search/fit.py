@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..replay.comparison import robust_loss, robust_weight
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from ..replay.robust import robust_loss, robust_weight
 from .bounded import damped_step, may_turn
 from .journal import recalled, recorded
 from .several import CONVERGED, DAMPING, LEAST, MOST, STIFFER, TRIED, JointByJoint, Several
@@ -24,7 +24,7 @@ class Fit:
     Attributes:
         values: parameters by path.
         simulated: channels of the problem it was fitted on (n, 4).
-        cost: mean loss (:mod:`sealegs.gap.replay.robust`) of the judged samples.
+        cost: mean loss (:mod:`sealegs.gap.replay.comparison`) of the judged samples.
         at_bound: paths that ended at a bound.
     """
 

@@ -10,9 +10,9 @@ import numpy as np
 from ..causes.cause import Cause, Variant
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Milestone, Progress
+from ..replay.comparison import robust_loss
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from ..replay.robust import robust_loss
 from . import decide
 from .correlated import excess
 from .fit import Fit, fit, merge, middle

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..checks.bootstrap import block_weights
+from ..replay.comparison import robust_weight
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
-from ..replay.robust import robust_weight
 from .alike import inertia_room
 from .bounded import FLAT, nearest_within, root_of, solved
 from .delays import at_samples

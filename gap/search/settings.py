@@ -1,6 +1,6 @@
 """The thresholds of the search in one place, each with its meaning.
 
-Losses are per judged value and relative to that of the noise (:mod:`sealegs.gap.replay.robust`): a right model has
+Losses are per judged value and relative to that of the noise (:mod:`sealegs.gap.replay.comparison`): a right model has
 about one. ``python -m benchmarks.sensitivity`` shows what each threshold does when it is halved or doubled.
 """
 

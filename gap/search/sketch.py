@@ -10,10 +10,10 @@ from typing import TypeVar, cast
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, WARM_UP
+from ..replay.comparison import robust_loss
+from ..replay.joint_problem import STEPS, JointProblem
 from ..replay.parameters import Parameter
-from ..replay.problem import JointProblem, Problem
-from ..replay.robust import robust_loss
-from ..replay.steps import STEPS
+from ..replay.problem import Problem
 from .fit import Fit, fit
 from .settings import SearchSettings
 from .several import Several

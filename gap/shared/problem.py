@@ -14,12 +14,10 @@ from typing import Any, Self
 import numpy as np
 
 from ..load.terms import T_OWN, T_SIZE
-from ..log.parts import Unit
 from ..log.types import Array
+from ..replay.joint_problem import JointProblem
 from ..replay.parameters import address
-from ..replay.problem import NOISE_FLOORS, JointProblem
-from ..replay.robust import robust_loss
-from ..replay.selection import select
+from ..replay.problem import NOISE_FLOORS, Problem, rows_of
 from ..search.correlated import excess
 
 SMOOTHING = 0.03
@@ -62,18 +60,6 @@ class RobotModel:
         return f"RobotModel({ {name: problem.models for name, problem in self.joints.items()} })"
 
 
-@dataclass(frozen=True, eq=False)
-class Stacked:
-    """Samples of all joints, one joint after the other; attributes as of :class:`RobotProblem`, and each joint's."""
-
-    units: tuple[Unit, ...]
-    time: np.ndarray
-    measured: np.ndarray
-    judged: np.ndarray
-    starts: np.ndarray
-    slices: dict[str, slice]
-
-
 class Replays(dict[tuple[Any, ...], Array]):
     """Channels of one joint (n, 4) by what was asked for, as much as memory may hold."""
 
@@ -95,90 +81,51 @@ class Replays(dict[tuple[Any, ...], Array]):
             held -= self.pop(asked).nbytes
 
 
-@dataclass(frozen=True, eq=False)
-class RobotProblem:
-    """Joints of a robot, a :class:`sealegs.gap.replay.problem.Problem` whose samples are those of one after the other.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobotProblem(Problem):
+    """Joints of a robot, a problem whose samples are those of one joint after the other.
 
     Attributes:
         joints: by name.
         rows: by number of the robot and joint, what the number adds to the joint's terms per unit (n, T_SIZE).
         models: what is believed.
+        slices: samples of each joint.
     """
 
     joints: Mapping[str, JointProblem]
     rows: Mapping[str, Mapping[str, Array]]
     models: tuple[RobotModel, ...]
+    slices: Mapping[str, slice]
 
-    @property
-    def joint(self) -> None:
-        """None: it has several."""
-        return None
-
-    @property
-    def free_joint(self) -> None:
-        """None, likewise."""
-        return None
+    @classmethod
+    def of(
+        cls,
+        joints: Mapping[str, JointProblem],
+        rows: Mapping[str, Mapping[str, Array]],
+        models: tuple[RobotModel, ...],
+    ) -> Self:
+        """The joints one after the other; arguments as the attributes."""
+        every = list(joints.values())
+        ends = np.cumsum([0, *(len(problem.time) for problem in every)])
+        starts = [problem.starts[1:] + at for problem, at in zip(every, ends[:-1], strict=True)]
+        return cls(
+            joints=joints,
+            rows=rows,
+            models=models,
+            slices={name: slice(int(a), int(b)) for name, a, b in zip(joints, ends[:-1], ends[1:], strict=True)},
+            units=tuple(unit for problem in every for unit in problem.units),
+            time=np.concatenate([problem.time for problem in every]),
+            measured=np.concatenate([problem.measured for problem in every]),
+            judged=np.concatenate([problem.judged for problem in every]),
+            starts=np.concatenate([np.zeros(1, int), *starts]),
+            weight=np.array([1.0 / _noise(joints), 0.0, 0.0, 0.0]),
+            step=min(problem.step for problem in every),
+        )
 
     @property
     def open_loop(self) -> bool:
         """Whether nothing holds one of the joints near what was measured."""
         return any(problem.open_loop for problem in self.joints.values())
-
-    @cached_property
-    def _stacked(self) -> Stacked:
-        starts, slices, at = [np.zeros(1, int)], {}, 0
-        for name, problem in self.joints.items():
-            starts.append(problem.starts[1:] + at)
-            slices[name] = slice(at, at + len(problem.time))
-            at += len(problem.time)
-        every = list(self.joints.values())
-        return Stacked(
-            tuple(unit for problem in every for unit in problem.units),
-            np.concatenate([problem.time for problem in every]),
-            np.concatenate([problem.measured for problem in every]),
-            np.concatenate([problem.judged for problem in every]),
-            np.concatenate(starts),
-            slices,
-        )
-
-    @property
-    def units(self) -> tuple[Unit, ...]:
-        """Pieces of runs of all joints."""
-        return self._stacked.units
-
-    @property
-    def time(self) -> np.ndarray:
-        """Since the start of the run (n,) [s]."""
-        return self._stacked.time
-
-    @property
-    def measured(self) -> np.ndarray:
-        """Channels as logged (n, 4)."""
-        return self._stacked.measured
-
-    @property
-    def judged(self) -> np.ndarray:
-        """Samples that count (n,)."""
-        return self._stacked.judged
-
-    @property
-    def starts(self) -> np.ndarray:
-        """First sample of each unit and the end of the last (u + 1,)."""
-        return self._stacked.starts
-
-    @property
-    def _slices(self) -> dict[str, slice]:
-        return self._stacked.slices
-
-    @property
-    def weight(self) -> np.ndarray:
-        """One over the noise of the position (4,)."""
-        return np.array([1.0 / self.noise, 0.0, 0.0, 0.0])
-
-    @property
-    def step(self) -> float:
-        """Shortest of the joints' [s]."""
-        return min(problem.step for problem in self.joints.values())
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -198,35 +145,21 @@ class RobotProblem:
     @property
     def signal(self) -> tuple[str, str]:
         """The position, and the unit of all joints; noise floors where hinges and slides have units of their own."""
-        units = {problem.signal[1] for problem in self.joints.values()}
-        return "position", units.pop() if len(units) == 1 else NOISE_FLOORS
-
-    @property
-    def _scales(self) -> dict[str, float]:
-        """By joint what its position is multiplied by to be in the unit of the signal."""
-        mixed = self.signal[1] == NOISE_FLOORS
-        return {name: float(problem.weight[0]) if mixed else 1.0 for name, problem in self.joints.items()}
+        return "position", _unit(self.joints)
 
     @property
     def noise(self) -> float:
         """Noise floor of the position: root of the mean square over the judged samples of all joints."""
-        floors = [scale * self.joints[name].noise for name, scale in self._scales.items()]
-        counts = [int(problem.judged.sum()) for problem in self.joints.values()]
-        return float(np.sqrt(np.average(np.square(floors), weights=counts)))
-
-    @property
-    def temperature_range(self) -> float:
-        """None: no number of the robot depends on a temperature [K]."""
-        return 0.0
+        return _noise(self.joints)
 
     def part(self, *parts: int) -> Self:
         """The problem that has only the units of these parts."""
         joints, kept = {}, {}
         for name, problem in self.joints.items():
             joints[name] = problem.part(*parts)
-            kept[name] = select(problem.units, problem.starts, parts).rows
+            kept[name] = rows_of(problem, parts)[1]
         rows = {number: {j: table[kept[j]] for j, table in found.items()} for number, found in self.rows.items()}
-        return replace(self, joints=joints, rows=rows)
+        return self.of(joints, rows, self.models)
 
     def with_step_factor(self, factor: float) -> Self:
         """The problem with so many times longer a step of what plays and switches."""
@@ -234,7 +167,7 @@ class RobotProblem:
 
     def each(self, change: Callable[[JointProblem], JointProblem]) -> Self:
         """The problem with each joint changed, which keeps its samples."""
-        return replace(self, joints={name: change(problem) for name, problem in self.joints.items()})
+        return self.of({name: change(problem) for name, problem in self.joints.items()}, self.rows, self.models)
 
     def simulate(self, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
         """Channels (v, n, 4) of every variant; what is alike for a joint is replayed once.
@@ -244,7 +177,7 @@ class RobotProblem:
         """
         out = np.empty((len(variants), len(self.time), len(self.channels)))
         for name in self.joints:
-            out[:, self._slices[name]] = self.replayed(name, variants, step)
+            out[:, self.slices[name]] = self.replayed(name, variants, step)
         return out
 
     def replayed(self, name: str, variants: Sequence[Mapping[str, float]], step: float | None = None) -> np.ndarray:
@@ -299,7 +232,7 @@ class RobotProblem:
         """Weighted errors (v, m) of simulated channels (v, n, 4): of all positions, then of all else."""
         first, rest = [], []
         for name, problem in self.joints.items():
-            errors = problem.residual(simulated[:, self._slices[name]], every)
+            errors = problem.residual(simulated[:, self.slices[name]], every)
             count = -(-int(problem.judged.sum()) // every)
             first.append(errors[:, :count])
             rest.append(errors[:, count:])
@@ -321,28 +254,14 @@ class RobotProblem:
         numbers = np.concatenate([*first, *rest])
         return numbers, np.bincount(numbers, minlength=at)
 
-    def block_errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Sum of the losses of weighted errors per block (b,), of one variant (n, 4)."""
-        numbers, sizes = self._blocks
-        return np.bincount(numbers, robust_loss(self.residual(simulated[None])[0]), len(sizes))
-
     def position_error(self, simulated: np.ndarray) -> np.ndarray:
         """Errors of the positions of one variant (n, 4) at the judged samples, in the unit of the signal."""
         return np.concatenate(
             [
-                scale * self.joints[name].position_error(simulated[self._slices[name]])
-                for name, scale in self._scales.items()
+                scale * self.joints[name].position_error(simulated[self.slices[name]])
+                for name, scale in _scales(self.joints).items()
             ]
         )
-
-    def errors(self, simulated: np.ndarray) -> np.ndarray:
-        """Errors of one variant (n, 4) in the units of each joint's channels, NaN where they are not judged."""
-        return np.where(self.judged[:, None], simulated - self.measured, np.nan)
-
-    def covariates(self, simulated: np.ndarray) -> dict[str, np.ndarray]:
-        """None: no signal is that of all joints."""
-        del simulated
-        return {}
 
     def left_over(self, simulated: np.ndarray) -> float | None:
         """As :meth:`excess_loss`."""
@@ -351,23 +270,29 @@ class RobotProblem:
     def excess_loss(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, the mean of the joints."""
         counts = [len(problem.blocks()[0]) for problem in self.joints.values()]
-        levels = [excess(problem, simulated[self._slices[name]]) for name, problem in self.joints.items()]
+        levels = [excess(problem, simulated[self.slices[name]]) for name, problem in self.joints.items()]
         return float(np.average(levels, weights=counts))
-
-    def chain(self, values: Mapping[str, float]) -> None:
-        """None: a robot has a chain for each of its joints."""
-        del values
-
-    def mjcf(self, values: Mapping[str, float]) -> None:
-        """None: its own file with the changes says it."""
-        del values
-
-    def picture(self, named: str) -> str:
-        """None shows what joints share."""
-        del named
-        return ""
 
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
         del path
         return SMOOTHING
+
+
+def _unit(joints: Mapping[str, JointProblem]) -> str:
+    """Unit of the positions of all joints; noise floors where hinges and slides have units of their own."""
+    units = {problem.signal[1] for problem in joints.values()}
+    return units.pop() if len(units) == 1 else NOISE_FLOORS
+
+
+def _scales(joints: Mapping[str, JointProblem]) -> dict[str, float]:
+    """By joint what its position is multiplied by to be in that unit."""
+    mixed = _unit(joints) == NOISE_FLOORS
+    return {name: float(problem.weight[0]) if mixed else 1.0 for name, problem in joints.items()}
+
+
+def _noise(joints: Mapping[str, JointProblem]) -> float:
+    """Noise floor of the positions: root of the mean square over the judged samples of all joints."""
+    floors = [scale * joints[name].noise for name, scale in _scales(joints).items()]
+    counts = [int(problem.judged.sum()) for problem in joints.values()]
+    return float(np.sqrt(np.average(np.square(floors), weights=counts)))

@@ -19,8 +19,8 @@ from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
 from ..replay.flattened import flattened
+from ..replay.joint_problem import JointProblem
 from ..replay.parameters import BAR, Parameter
-from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import merge, middle
 from ..search.forward import Searcher
@@ -153,7 +153,7 @@ def search_shared(
         problems, {d.number: d.neutral for d in directions}, {d.number: d.parameter.unit for d in directions}
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
-    problem = RobotProblem(dict(problems), tables, (model,))
+    problem = RobotProblem.of(dict(problems), tables, (model,))
     own = {joint: _own(found, (*LOADS, *apart)) for joint, found in searches.items()}
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
     rotors = {joint: _rotor(problem) for joint, problem in problems.items()}

@@ -26,8 +26,8 @@ from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from ..replay.driven import driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
+from ..replay.joint_problem import converged
 from ..replay.reading import as_read
-from ..replay.steps import converged
 from ..replay.tree import HELD
 from ..search.channels import weigh_channels
 from ..search.delays import with_started_delays

@@ -17,8 +17,8 @@ from ..load.terms import T_OWN, T_SIZE
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B
 from ..log.types import Array, JointLog, MeasuredRun
+from ..replay.joint_problem import JointProblem
 from ..replay.parameters import BAR, Parameter, absolute
-from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import fit, merge, middle
 from ..search.sketch import spread
@@ -189,7 +189,7 @@ class _Weighed:
             }
             rows[direction.number] = felt
         model = RobotModel(self.problems, {d.number: d.neutral for d in directions}, dict.fromkeys(rows, "rad"))
-        problem = RobotProblem(dict(self.problems), rows, (model,))
+        problem = RobotProblem.of(dict(self.problems), rows, (model,))
         numbers = {name: self._numbers(name) for name in self.problems}
         tuned = [p.of_joint(name) for name, mine in numbers.items() for p in mine]
         start = {f"{name}{BAR}{path}": x for name in numbers for path, x in middle(*self.searches[name].fits).items()}

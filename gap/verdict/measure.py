@@ -12,9 +12,9 @@ from ..causes.catalogue import adjustable
 from ..causes.cause import Cause, Variant
 from ..causes.contact import STOPS
 from ..log.parts import FIT_A, FIT_B, TEST
+from ..replay.comparison import robust_loss
 from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
-from ..replay.robust import robust_loss
 from ..search.alike import with_alike
 from ..search.fit import Fit, fit, middle
 from ..search.led import of_run

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from ..experiment import Experiment
 from ..log.finding import Finding
-from ..replay.problem import JointProblem
-from ..replay.steps import diverged
+from ..replay.joint_problem import JointProblem, diverged
 from .decide import decide
 from .evidence import Refused
 from .verdict import JointDiagnosis

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..replay.comparison import robust_loss
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from ..replay.robust import robust_loss
 
 
 def telling(problem: Problem, values: Mapping[str, float], numbers: Sequence[Parameter]) -> dict[str, float]:

@@ -14,7 +14,7 @@ from ..log.types import JointLog, MeasuredRun
 from ..log.writer import write_run
 from ..replay.engine import bench, replay_in_engine
 from ..replay.joint_model import JointModel
-from ..replay.steps import largest_step
+from ..replay.joint_problem import largest_step
 
 RATE = 200.0  # [Hz] samples
 JITTER = 3e-4  # [s]

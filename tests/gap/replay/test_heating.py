@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from sealegs.gap.checks.ratios import together
 from sealegs.gap.log.finding import Finding
-from sealegs.gap.replay.heating import heated
-from sealegs.gap.replay.layout import between_steps
+from sealegs.gap.replay.layout import between_steps, heated
 
 
 def motor(seconds: float = 60.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -35,7 +35,7 @@ def joint(noise: float, *, slide: bool = False) -> FreeProblem:
 
 
 def robot(**joints: FreeProblem) -> RobotProblem:
-    return RobotProblem(joints, {}, (RobotModel(joints, {}, {}),))
+    return RobotProblem.of(joints, {}, (RobotModel(joints, {}, {}),))
 
 
 def off_by(problem: RobotProblem, **errors: float) -> np.ndarray:
@@ -97,7 +97,7 @@ def test_a_joint_is_replayed_once_however_much_else_is_turned(monkeypatch: pytes
     joints = {name: replace(bench, terms=row, models=models) for name in ("shoulder", "elbow")}
     number = "body.arm.mass_factor"
     more = {number: {"elbow": np.full((len(row), T_SIZE), 0.02)}}
-    whole = RobotProblem(joints, more, (RobotModel(joints, {number: 1.0}, {number: "1"}),))
+    whole = RobotProblem.of(joints, more, (RobotModel(joints, {number: 1.0}, {number: "1"}),))
     variants: list[dict[str, float]] = [{number: 1.0}, {number: 1.0, "elbow|friction.coulomb*": 3.0}, {number: 1.5}]
     expected = [replace(whole).simulate([one])[0] for one in variants]  # each with no memory of another
     asked: list[int] = []

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.replay.joint_problem import converged, diverged
 from sealegs.gap.replay.scene import touches_of
-from sealegs.gap.replay.steps import converged, diverged
 from sealegs.gap.replay.tree import motion_of, not_free, terms_of
 from sealegs.gap.verdict.refusal import refuse_divergence
 from sealegs.gap.verdict.resting import without_rests

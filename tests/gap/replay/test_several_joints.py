@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.gap.replay.robust import robust_loss
+from sealegs.gap.replay.comparison import robust_loss
 from sealegs.gap.search.several import JointByJoint, Several
 
 TIMES = np.linspace(0.0, 1.0, 60)

@@ -11,7 +11,7 @@ from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.steps import converged
+from sealegs.gap.replay.joint_problem import converged
 from sealegs.gap.search.decide import Standing, decide
 from sealegs.gap.search.fit import merge
 from sealegs.gap.search.forward import Judged, Searcher

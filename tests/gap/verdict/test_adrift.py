@@ -16,8 +16,9 @@ from sealegs.gap.experiment.proposal import SHOWS, Hypothesis, Prediction
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.joint_problem import JointProblem
 from sealegs.gap.replay.parameters import Parameter
-from sealegs.gap.replay.problem import JointProblem, Problem
+from sealegs.gap.replay.problem import Problem
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.search.where import where
