@@ -152,7 +152,7 @@ def _on_the_bench(chain: Chain, temperature: float) -> Chain:
 def _surplus(p, s, duty, load, speed):
     """Torque that is left to accelerate the shaft in the direction of the duty [N.m]."""
     way = 1.0 if duty > 0.0 else -1.0
-    value = torque(p, s, 0.0, duty, 0.0, way * speed, -way * load, True)
+    value = torque(p, s, 0.0, duty, 0.0, way * speed, -way * load, first=True)
     return way * value - s[S_LIMIT] - p[P_VISCOUS] * speed - load
 
 

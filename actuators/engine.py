@@ -219,7 +219,7 @@ def compiled_law() -> Any:
         if p[P_LOAD_FACTOR] != 0.0:
             pressing = load_double(load_address(data + at_user) + 8 * (int(p[P_LOAD_STATE]) + S_REST))
             s[S_PRESSED] = max(p[P_LOAD_FACTOR] * pressing, 0.0)
-        force = torque(p, s, time, goal, q, w, known + s[S_REST], stage != LATER)
+        force = torque(p, s, time, goal, q, w, known + s[S_REST], first=stage != LATER)
         if row >= 0:
             write_row(
                 p,

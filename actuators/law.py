@@ -175,7 +175,9 @@ def torque(p, s, time, goal, q, w, external, first):
     value = goal
     at = P_HEADER
     while p[at] > 0.0:
-        value = act_of_stage(int(p[at]), p, at + 3, s, int(p[at + 2]), time, value, q, w, external, first)
+        value = act_of_stage(
+            int(p[at]), p, at + 3, s, int(p[at + 2]), time, value, q=q, w=w, external=external, first=first
+        )
         at += int(p[at + 1])
     return concluded(p, s, time, q, value, first)
 
@@ -187,7 +189,7 @@ def torque_of_stages(stages, p, s, time, goal, q, w, external, first):
     value = goal
     for k in range(stages[0]):
         op, i, m = stages[1 + 3 * k], stages[2 + 3 * k], stages[3 + 3 * k]
-        value = act_of_stage(op, p, i, s, m, time, value, q, w, external, first)
+        value = act_of_stage(op, p, i, s, m, time, value, q=q, w=w, external=external, first=first)
     return concluded(p, s, time, q, value, first)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from ..common.atomic import written
 from ..common.errors import SealegsError
 from ..common.extras import needed_for
-
-if TYPE_CHECKING:
-    from .net_training import Prepared
 
 Array = NDArray[np.float64]
 
@@ -56,11 +53,6 @@ def evaluate(arrays: dict[str, np.ndarray], inputs: Array) -> Array:
         if layer < len(sizes) - 2:
             x = x / (1.0 + np.abs(x))
     return x[:, 0] * float(arrays["torque_scale"])
-
-
-def predict(arrays: dict[str, np.ndarray], run: Prepared) -> Array:
-    """What a net makes of a prepared run: weighted torque of each window [N.m]."""
-    return np.convolve(evaluate(arrays, run.inputs), run.weights[::-1], mode="valid")
 
 
 def write_net(arrays: dict[str, np.ndarray], path: Path) -> None:

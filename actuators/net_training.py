@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.errors import SealegsError
-from .net_file import build, flat_weights, predict, require_torch
+from .net_file import build, evaluate, flat_weights, require_torch
 from .stages.net import FORMAT
 
 Array = NDArray[np.float64]
@@ -193,6 +193,11 @@ def _target(run: TrainingRun, time: Array, position: Array, reach: int, period: 
     return weights, np.convolve(held, weights[::-1], mode="valid") + moved * acceleration
 
 
+def predict(arrays: dict[str, np.ndarray], run: Prepared) -> Array:
+    """What a net makes of a prepared run: weighted torque of each window [N.m]."""
+    return np.convolve(evaluate(arrays, run.inputs), run.weights[::-1], mode="valid")
+
+
 def train(
     runs: Sequence[TrainingRun],
     settings: Settings,
@@ -233,7 +238,14 @@ def train(
     try:
         net = build(torch, inputs.shape[1], settings.hidden)
         best, history, stopped = _optimise(
-            torch, net, training, validation, settings, (mean, std, scale), rng, progress
+            torch,
+            net,
+            training,
+            validation=validation,
+            settings=settings,
+            scales=(mean, std, scale),
+            rng=rng,
+            progress=progress,
         )
     finally:
         torch.set_default_dtype(torch.float32)

@@ -45,7 +45,7 @@ def _torques(chain: Chain, zero: float, sign: float) -> np.ndarray:
             begin(program, state, time, goal, q, w)
         elif k % 2 == 0:
             advance(program, state, time)
-        driven = torque(program, state, time, goal, q, w, external, k % 2 == 0), state[S_LIMIT]
+        driven = torque(program, state, time, goal, q, w, external, first=k % 2 == 0), state[S_LIMIT]
         rows.append((*driven, idle_torque(program, state, q, w, external), state[S_LIMIT]))
         state[S_LIMIT] = driven[1]
     return np.array(rows)

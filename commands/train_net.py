@@ -160,15 +160,15 @@ def _run_of(item: MeasuredRun, joint: str, config: dict[str, Any]) -> TrainingRu
     usable = None if log.enabled is None else log.enabled > 0.5
     return TrainingRun(
         item.name,
-        item.time,
-        log.goal,
-        log.position,
-        log.velocity,
-        torque,
-        inertia,
-        gravity,
-        float(armature),
-        usable,
+        time=item.time,
+        goal=log.goal,
+        position=log.position,
+        velocity=log.velocity,
+        torque=torque,
+        inertia=inertia,
+        gravity=gravity,
+        armature=float(armature),
+        usable=usable,
     )
 
 

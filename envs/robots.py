@@ -10,8 +10,10 @@ from pathlib import Path
 from ..common import plugins
 from ..common.errors import nearest
 from . import ENVIRONMENTS
+from .described.as_robot import as_robot
 from .described.robot_file import is_robot_file, load_robot_file
-from .engine.robot import Robot, RobotError
+from .engine.numbers import RobotError
+from .engine.robot import Robot
 
 LOGGER = logging.getLogger("sealegs")
 
@@ -61,7 +63,7 @@ def _described(path: Path, changed: tuple[int, ...]) -> Robot:
     file = load_robot_file(path)
     for sentence in file.said:
         LOGGER.warning("%s", sentence)
-    return file.robot()
+    return as_robot(file)
 
 
 def _changed(path: Path) -> tuple[int, ...]:

@@ -131,9 +131,11 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
             departures=departures,
         )
     runs[MACHINE], figures[MACHINE] = machine, measure(machine, robot)
-    columns = robot.names, robot.units, robot.base_names
     note = NOMINAL_MACHINE if config["extended"] is not None and hides_nothing(config["hw"]["virtual"]) else ""
-    return Comparison(str(policy.path), robot.robot.name, *columns, runs, figures, outcome, log, note)
+    return Comparison(
+        str(policy.path), robot.robot.name, joints=robot.names, units=robot.units, base=robot.base_names, runs=runs,
+        figures=figures, ending=outcome, log=log, note=note,
+    )  # fmt: skip
 
 
 def hides_nothing(virtual: Mapping[str, Any] | None) -> bool:

@@ -169,14 +169,14 @@ def friction_limit(p, i, q, w, motor, external):
             resting += p[i + FRICTION.quadratic_external] * external * external
         else:
             resting += p[i + FRICTION.quadratic_motor] * motor * motor
-    return limit_under(p, i, q, w, motor, external, moving, resting)
+    return limit_under(p, i, q, w, motor, external, moving, resting=resting)
 
 
 @compiled()
 def pressed_limit(p, i, q, w, motor, external, load):
     """:func:`friction_limit` under a load that is given."""
     moving = p[i + FRICTION.load] * load + p[i + FRICTION.load_quadratic] * load * load
-    return limit_under(p, i, q, w, motor, external, moving, p[i + FRICTION.load_stribeck] * load)
+    return limit_under(p, i, q, w, motor, external, moving, resting=p[i + FRICTION.load_stribeck] * load)
 
 
 @compiled()

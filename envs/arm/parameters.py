@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ..engine.robot import Number
+from ..engine.numbers import Number
 from .tables import FLEXIBLE, SIMPLE, Body
 
 PRODUCTS = ("xx", "yy", "zz", "xy", "xz", "yz")

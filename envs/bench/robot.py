@@ -9,7 +9,8 @@ import mujoco
 
 from ...actuators import DrivenCoordinate, Drivetrain
 from ...actuators.mounting import spring_constraint
-from ..engine.robot import Effect, Number, Robot
+from ..engine.numbers import Effect, Number
+from ..engine.robot import Robot
 from ..engine.scene import CAMERA, add_scene, add_sun
 from .stops import STOP_DAMPING, STOP_STIFFNESS
 

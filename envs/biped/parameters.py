@@ -6,7 +6,7 @@ printed at the motor; :mod:`sealegs.envs.biped.drive` carries them to the leg co
 
 from __future__ import annotations
 
-from ..engine.robot import Number
+from ..engine.numbers import Number
 
 LEFT, RIGHT = "left", "right"
 SIDES = (LEFT, RIGHT)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..engine.model_poses import Pose, home_pose, standing
 from ..engine.model_ties import carried_along, free_ways
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_couplings import couplings, led, unnamed
 from .model_drives import ModelDrive, both_ways, read_drives
 from .model_errors import uncompiled

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import mujoco
 
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_errors import line_of
 from .model_mass import plain_copy
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import mujoco
 
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_errors import unreadable
 from .model_mass import told_guessed_masses, with_total_mass
 from .model_meshes import without_meshes_that_fail

@@ -13,7 +13,7 @@ from ...actuators.published import PREFIX, bam_file
 from ...actuators.stages.controller import UNLIMITED
 from ...common.errors import SealegsError, nearest
 from ...configs.check import checked, checked_fields
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model
 from .robot_assumed import FULL_FORCE, goal_range, ideal_servo, reduction_note
@@ -85,7 +85,15 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     if base == "free" and not model.free and any(joint.body == model.root for joint in model.joints.values()):
         raise RobotError(f"{path}: base is free, but a joint ties '{model.root}' to the world; give the model a base.")
     robot = RobotFile(
-        path, entry.name or path.stem, model, joints, base, timestep, entry.integrator or "RK4", entry.deploy, ()
+        path,
+        name=entry.name or path.stem,
+        model=model,
+        joints=joints,
+        base=base,
+        timestep=timestep,
+        integrator=entry.integrator or "RK4",
+        deploy=entry.deploy,
+        said=(),
     )
     if entry.timestep is None:
         robot, why = settled(robot, entry.integrator)
@@ -192,8 +200,8 @@ def _joint(
         start = min(max(start, limits[0]), limits[1])
     servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
     return FileJoint(
-        name, terms, joint.kind, limits, chain, owners, in_file, start, tuple(entry.unknown), servo,
-        (*notes, *simplified), least,
+        name, terms=terms, kind=joint.kind, range=limits, chain=chain, owners=owners, model_values=in_file, start=start,
+        unknown=tuple(entry.unknown), servo=servo, notes=(*notes, *simplified), least=least,
     )  # fmt: skip
 
 

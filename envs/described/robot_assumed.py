@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from ...actuators import Chain, load_chain
 from ...actuators.stages.controller import Ideal
 from ...common.errors import SealegsError
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_drives import ModelDrive
 from .model_file import UNITS, ModelFile
 

@@ -18,14 +18,14 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 
-from ...actuators import Chain, DrivenCoordinate
+from ...actuators import Chain
 from ...actuators.stages import build_stage
 from ...actuators.stages.controller import UNLIMITED
 from ...common.errors import nearest
-from ..engine.robot import Robot, RobotError
+from ..engine.numbers import RobotError
 from .model_file import UNITS, ModelFile
 from .robot_entries import Owner, ServoEntry
-from .robot_numbers import apply_numbers, model_effects, model_numbers
+from .robot_numbers import apply_numbers
 
 LIMIT = "actuatorfrcrange"
 OWNED = {
@@ -188,44 +188,6 @@ class RobotFile:
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         apply_numbers(spec, self.model, values)
         return spec
-
-    def bare_model(self, params: Mapping[str, float] | None = None) -> mujoco.MjModel:
-        """The robot without actuators, compiled: the load that its chains work against.
-
-        Raises:
-            RobotError: as :meth:`Robot.parameters`.
-        """
-        return self.robot().build_spec(params).compile()
-
-    def robot(self) -> Robot:
-        """The robot as training, simulation and deployment take it."""
-        singles = {item.name: item.joint for item in self.joints if item.terms == ((item.joint, 1.0),)}
-        limits = {item.name: item.range for item in self.joints}
-        driven = {name for item in self.joints for name, _ in item.terms}
-        return Robot(
-            name=self.name,
-            numbers=model_numbers(self.model, list(singles.values()), self.timestep),
-            coordinates=tuple(DrivenCoordinate(item.name, item.terms) for item in self.joints),
-            goal_limits=_Limits(limits),
-            chains={item.name: item.chain for item in self.joints},
-            build=self.build,
-            effects=model_effects(self.model, singles),
-            start={item.name: item.start for item in self.joints},
-            pose={label: place for label, place in self.model.pose.items() if label[0] not in driven},
-            units={item.name: item.unit for item in self.joints if item.unit != "rad"},
-            file=self,
-        )
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """Limits of goals that hang on no number."""
-
-    limits: Mapping[str, tuple[float, float]]
-
-    def __call__(self, values: Mapping[str, float]) -> Mapping[str, tuple[float, float]]:
-        del values
-        return self.limits
 
 
 def _set_base(spec: mujoco.MjSpec, root: str, base: str) -> None:

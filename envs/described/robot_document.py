@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ...common.documents import DocumentError, read_yaml
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 
 
 def read_document(path: Path) -> Any:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ...common.errors import SealegsError
 from ...configs.check import checked_fields
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_file import SUFFIXES
 from .robot_assembly import assembled
 from .robot_choice import passive_sentence

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from ..engine.robot import Effect, Number, RobotError
+from ..engine.numbers import Effect, Number, RobotError
 from .model_file import UNITS, ModelBody, ModelFile
 
 FREE = 1e3  # [rad or m] a stop that nothing reaches: there is none

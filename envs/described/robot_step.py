@@ -19,6 +19,7 @@ from scipy.linalg import eigh
 
 from ...actuators import Chain, Drivetrain
 from ...actuators.stability import ONE_STAGE, RUNGE_KUTTA, position_slope, unstable_beyond, velocity_slope
+from .as_robot import as_robot
 from .model_file import UNITS
 from .robot_described import SAME, FileJoint, RobotFile
 
@@ -96,7 +97,7 @@ class _System:
     """A robot at its file's pose, as matrices."""
 
     def __init__(self, robot: RobotFile) -> None:
-        machine = robot.robot()
+        machine = as_robot(robot)
         drivetrain = Drivetrain(
             machine.build_spec(),
             {joint.name: joint.chain for joint in robot.joints},

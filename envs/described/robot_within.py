@@ -9,7 +9,7 @@ from typing import Any
 
 from ...common.errors import SealegsError
 from ...configs.check import checked
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .model_file import UNITS, ModelFile
 from .name_patterns import fits
 from .robot_assumed import RADIANS, joint_stops

@@ -260,7 +260,16 @@ class BatchEngine:
         if self.autoreset and len(done):
             self._start(done)
             observation[done] = self._observation(self.motion(self._action))[done]
-        return Step(observation, reward, terminated, truncated, terms, flags, done, final)
+        return Step(
+            observation,
+            reward=reward,
+            terminated=terminated,
+            truncated=truncated,
+            terms=terms,
+            flags=flags,
+            done=done,
+            final_observation=final,
+        )
 
     def _goals(self, action: np.ndarray) -> np.ndarray:
         zero, per_action = self._scale()

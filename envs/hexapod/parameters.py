@@ -7,7 +7,7 @@ only table 10 is at hand. Numbers of motors, gears, controllers and joint fricti
 
 from __future__ import annotations
 
-from ..engine.robot import Number
+from ..engine.numbers import Number
 
 LEGS = 6
 

@@ -6,7 +6,7 @@ of the Use Case". Numbers of its servo and its spring stand in ``configs/actuato
 
 from __future__ import annotations
 
-from ..engine.robot import Number
+from ..engine.numbers import Number
 
 NUMBERS = {
     "total_mass": Number(0.587, "kg", "paper 004, IV-A: 0.562 kg and 4.5 % for the boom", 0.01),

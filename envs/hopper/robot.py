@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import DrivenCoordinate
-from ..engine.robot import Effect, Robot
+from ..engine.numbers import Effect
+from ..engine.robot import Robot
 from ..engine.scene import CAMERA, FLOOR, add_scene, add_sun
 from .parameters import GOAL_RANGE, NUMBERS
 
@@ -59,16 +60,25 @@ def build(values: Mapping[str, float]) -> mujoco.MjSpec:
     base.inertia = (base_mass * 1e-3,) * 3  # without effect: the base does not rotate
     add_sun(base, REACH)
     _draw_base(base)
-    upper = _link(base, UPPER, HIP, 0.0, values["upper_mass"], values["upper_length"], values["upper_centre"], _METAL)
+    upper = _link(
+        base,
+        UPPER,
+        HIP,
+        offset=0.0,
+        mass=values["upper_mass"],
+        length=values["upper_length"],
+        centre=values["upper_centre"],
+        colour=_METAL,
+    )
     lower = _link(
         upper,
         LOWER,
         KNEE,
-        values["upper_length"],
-        values["lower_mass"],
-        values["lower_length"],
-        values["lower_centre"],
-        _BLUE,
+        offset=values["upper_length"],
+        mass=values["lower_mass"],
+        length=values["lower_length"],
+        centre=values["lower_centre"],
+        colour=_BLUE,
     )
     lower.add_geom(
         name=FOOT,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ..engine.robot import Number
+from ..engine.numbers import Number
 
 LINKS = (1, 2, 3)
 GRAVITY = 9.81  # [m/s2]: with it, table VII's u and w follow from table I

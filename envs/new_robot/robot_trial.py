@@ -11,6 +11,7 @@ import numpy as np
 
 from ...common.errors import SealegsError
 from ..any_robot.reach import ReachTask
+from ..described.as_robot import as_robot
 from ..described.robot_assembly import WARNING, between_actions
 from ..described.robot_described import RobotFile
 from ..described.robot_step import SHORTEST, engine_number, said_again, weak
@@ -93,7 +94,7 @@ def tried(robot: RobotFile) -> tuple[int, str]:
     Raises:
         SealegsError: it cannot be simulated at all.
     """
-    task = ReachTask.on(robot.robot())(start_noise=0.0)
+    task = ReachTask.on(as_robot(robot))(start_noise=0.0)
     engine = BatchEngine(task, 1, autoreset=False)
     engine.seed(0)
     engine.reset()

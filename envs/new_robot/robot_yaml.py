@@ -23,7 +23,7 @@ from ..described.robot_choice import chosen, none_to_drive, passive, passive_sen
 from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile
 from ..described.robot_entries import FileEntry
 from ..described.robot_file import load_robot_file
-from ..engine.robot import RobotError
+from ..engine.numbers import RobotError
 from .robot_names import in_yaml, name_note
 from .robot_trial import steady
 

@@ -140,13 +140,13 @@ def shared_causes(rows: Sequence[Row]) -> list[Shared]:
         found.append(
             Shared(
                 name,
-                tuple(dict.fromkeys(servo for servo, _ in having)),
-                parameter,
-                unit,
-                values,
-                median(numbers) if numbers else float("nan"),
-                float(np.std(numbers, ddof=1)) if len(numbers) > 1 else 0.0,
-                _common(list(values.values())),
+                servos=tuple(dict.fromkeys(servo for servo, _ in having)),
+                parameter=parameter,
+                unit=unit,
+                values=values,
+                middle=median(numbers) if numbers else float("nan"),
+                spread=float(np.std(numbers, ddof=1)) if len(numbers) > 1 else 0.0,
+                common=_common(list(values.values())),
             )
         )
     return sorted(found, key=lambda cause: (-len(cause.servos), cause.name))

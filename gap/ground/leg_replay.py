@@ -103,7 +103,16 @@ class LegReplay:
         Returns:
             Per stance the judged columns at its samples (v, samples, 4).
         """
-        return on_many_grounds(self._run, legs, self.pieces, rows, states, self.time, self.step, MOST_SIMULATIONS)
+        return on_many_grounds(
+            self._run,
+            legs,
+            self.pieces,
+            rows=rows,
+            states=states,
+            time=self.time,
+            step=self.step,
+            most=MOST_SIMULATIONS,
+        )
 
     def _run(self, legs: Sequence[LegModel], ground: np.ndarray, stance: np.ndarray, states: np.ndarray) -> np.ndarray:
         n = len(ground)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...actuators import Chain, load_chain
 from ...common.errors import SealegsError
+from ...envs.described.as_robot import as_robot
 from ...envs.engine.robot import Robot
 from ...envs.robots import get_robot
 from ..causes.cause import Cause
@@ -99,7 +100,7 @@ def _robot(run: MeasuredRun) -> Robot | None:
     """The robot of a run; None where its sidecar names none that is known."""
     logged = robot_of(run)
     if logged is not None:
-        return logged.file.robot()
+        return as_robot(logged.file)
     try:
         return get_robot(run.robot)
     except SealegsError:

@@ -147,7 +147,16 @@ class TreeReplay:
         Returns:
             Per piece the quantities of the base at its samples (v, samples, k).
         """
-        return on_many_grounds(self._run, models, self.pieces, rows, states, self.time, self.step, MOST_SIMULATIONS)
+        return on_many_grounds(
+            self._run,
+            models,
+            self.pieces,
+            rows=rows,
+            states=states,
+            time=self.time,
+            step=self.step,
+            most=MOST_SIMULATIONS,
+        )
 
     def _run(
         self, models: Sequence[TreeModel], ground: np.ndarray, piece: np.ndarray, states: np.ndarray

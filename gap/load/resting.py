@@ -98,7 +98,9 @@ def find_resting(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> Resting | N
     found = []
     for body in _bodies(robot):
         mine, its = [each[body] for each in places], np.concatenate([each[body][0] for each in goals])
-        tried = (_on_body(robot, body, joints, poses, held, mine, its, slow) for slow in SLOW)
+        tried = (
+            _on_body(robot, body, joints, poses=poses, held=held, places=mine, goals=its, slow=slow) for slow in SLOW
+        )
         found += [each for each in tried if each is not None]
     if not found:
         return None
@@ -280,7 +282,16 @@ def _poses(robot: LoggedRobot, run: MeasuredRun, joints: Mapping[str, int]) -> _
         if name in joints and log.goal is not None:
             goal[:, dof] = frame.to_model(_whole(run.time, log.goal)[::every]) / ratio
             on &= np.ones(len(time), bool) if log.enabled is None else log.enabled[::every] > 0.5
-    return _Poses(run.name, tuple(turning), every * run.period, time, measured, goal, speed, on)
+    return _Poses(
+        run.name,
+        joints=tuple(turning),
+        period=every * run.period,
+        time=time,
+        measured=measured,
+        goal=goal,
+        speed=speed,
+        on=on,
+    )
 
 
 def _whole(time: Array, values: Array) -> Array:

@@ -11,10 +11,11 @@ from typing import Any
 import mujoco
 
 from ...actuators import Chain
+from ...envs.described.as_robot import as_robot
 from ...envs.described.model_errors import line_of, uncompiled
 from ...envs.described.robot_described import FileJoint, RobotFile
 from ...envs.described.robot_file import is_robot_file, load_robot_file
-from ...envs.engine.robot import RobotError
+from ...envs.engine.numbers import RobotError
 from ..log.types import Array, LogError, MeasuredRun
 from .ties import moved_by
 
@@ -202,9 +203,9 @@ def without_objects(file: RobotFile, params: Mapping[str, float]) -> mujoco.MjMo
     and no joint that is driven. No log says how they moved, and no joint of the robot carries them.
 
     Raises:
-        RobotError: as :meth:`RobotFile.bare_model`, or the model does not compile without them.
+        RobotError: as :func:`sealegs.envs.described.as_robot.bare_model`, or the model does not compile without them.
     """
-    spec = file.robot().build_spec(params)
+    spec = as_robot(file).build_spec(params)
     driven = {name for item in file.joints for name, _ in item.terms}
     loose = [root for root in spec.worldbody.bodies if _is_object(root, driven)]
     names = ", ".join(root.name for root in loose)

@@ -173,8 +173,9 @@ def build_run(name: str, table: dict[str, Array], sidecar: Sidecar, path: Path, 
         for joint, recorded in signals.items()
     }
     return MeasuredRun(
-        name, table["time"], joints, other["base"], sidecar.robot, dict(sidecar.robot_params), dict(sidecar.actuators),
-        path, dict(sidecar.meta), other["host"],
+        name, time=table["time"], joints=joints, base=other["base"], robot=sidecar.robot,
+        robot_params=dict(sidecar.robot_params), actuators=dict(sidecar.actuators), source=path,
+        meta=dict(sidecar.meta), host=other["host"],
     )  # fmt: skip
 
 

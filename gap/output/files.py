@@ -81,7 +81,14 @@ def write_diagnosis(
                 machine = run.robot if is_robot_file(run.robot) else "bench"
                 frame = (run.meta.get("frames") or {}).get(diagnosis.joint)
                 files = write_experiment(
-                    diagnosis.experiment, diagnosis.joint, staged, actuator, prefix, machine, frame, folder
+                    diagnosis.experiment,
+                    diagnosis.joint,
+                    staged,
+                    actuator=actuator,
+                    prefix=prefix,
+                    robot=machine,
+                    frame=frame,
+                    final=folder,
                 )
                 document["next_experiment"]["file"] = files["experiment"].name
                 written |= {f"{owner}{key}": path for key, path in files.items()}

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
+from ...envs.described.as_robot import as_robot
 from ...envs.described.robot_described import FileJoint, RobotFile
 from ...envs.engine.model_poses import keyframes, stand, standing
 from ...envs.extended import Extended
@@ -40,7 +41,7 @@ def write_robot(extended: Extended, data: MeasuredSet, folder: Path, final: Path
     robot = robot_of(data.runs[0])
     if robot is None:
         return None
-    machine = robot.file.robot()
+    machine = as_robot(robot.file)
     try:
         chains = extended.chains_on(machine)
         drivetrain = machine.drivetrain(chains, extended.params_on(machine))

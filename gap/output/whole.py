@@ -10,6 +10,7 @@ import numpy as np
 
 from ...actuators import Chain, load_chain
 from ...common.errors import SealegsError
+from ...envs.described.as_robot import as_robot
 from ...envs.extended import Extended
 from ..load.robot import LoggedRobot, robot_of
 from ..log.progress import Progress
@@ -61,7 +62,7 @@ def confirm_whole(
     squares: dict[str, dict[str, list[np.ndarray]]] = {name: {model: [] for model in models} for name in found}
     machines: dict[str, Whole] = {}
     try:
-        numbers = {"nominal": dict(extended.params or {}), "extended": extended.params_on(robot.file.robot())}
+        numbers = {"nominal": dict(extended.params or {}), "extended": extended.params_on(as_robot(robot.file))}
         for index, run in enumerate(data.runs):
             for model in models:
                 as_found = {name: d for name, d in found.items() if model == "extended" and name not in still}

@@ -75,7 +75,7 @@ def replay_driven(p, k, time, goal, on, temperature, link, told, q0, w0, step, o
         link = moved
     _replay_driven(
         pointer(acting), pointer(advancing), pointer(p), pointer(k), pointer(s), pointer(x), pointer(nothing),
-        time, goal, on, temperature, link, told, q0, w0, step, out,
+        time=time, goal=goal, on=on, temperature=temperature, link=link, told=told, q0=q0, w0=w0, step=step, out=out,
     )  # fmt: skip
     # the memory behind the pointers must live until here
     return acting[0] + advancing[0] + s[0] + x[0] + nothing[0]
@@ -110,13 +110,15 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
         advance_stages(advancing, p, s, time[j])
         if coupled:
             passed = coupling_torque(k, x[0] - x[2], x[1] - x[3])
-            given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, True)
+            given = drive(acting, p, k, s, time[j], goal[j], on[j], q=x[0], w=x[1], external=-passed, first=True)
         else:
             x[0], x[1] = x[2], x[3]
-            given = drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, True)
+            given = drive(acting, p, k, s, time[j], goal[j], on[j], q=x[0], w=x[1], external=-passed, first=True)
             free = given - k[K.motor_inertia] * link[j, 2]
             passed = less_friction(free, s[S_LIMIT], x[1])
-            drive(acting, p, k, s, time[j], goal[j], on[j], x[0], x[1], -passed, False)  # friction by this very load
+            drive(
+                acting, p, k, s, time[j], goal[j], on[j], q=x[0], w=x[1], external=-passed, first=False
+            )  # friction by this very load
             passed = less_friction(free, s[S_LIMIT], x[1])
         out[j, 0] = k[K.host_scale] * host_reading_smooth(p, s, time[j], x[0]) + k[K.host_offset]
         out[j, 1] = passed if k[K.at_drive] == 0.0 else given + k[K.viscous] * x[1]
@@ -146,9 +148,9 @@ def _replay_driven(acting, advancing, p, k, s, x, nothing, time, goal, on, tempe
                 if at > time[j]:
                     advance_stages(advancing, p, s, at)
                 if coupled:
-                    slide(acting, p, k, nothing, s, x, at, span, goal[j], on[j], at > time[j])
+                    slide(acting, p, k, nothing, s, x, at, span=span, goal=goal[j], on=on[j], first=at > time[j])
                 elif at > time[j]:
-                    drive(acting, p, k, s, at, goal[j], on[j], x[0], x[1], -passed, True)
+                    drive(acting, p, k, s, at, goal[j], on[j], q=x[0], w=x[1], external=-passed, first=True)
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
             out[j:, :] = DIVERGED
@@ -171,11 +173,11 @@ def replay_driven_many(programs, constants, time, goal, on, temperature, link, t
             on[a:b],
             temperature[a:b],
             link[a:b],
-            told[a:b],
-            states[u, 0],
-            states[u, 1],
-            steps[v],
-            out[v, a:b],
+            told=told[a:b],
+            q0=states[u, 0],
+            w0=states[u, 1],
+            step=steps[v],
+            out=out[v, a:b],
         )
 
 
@@ -201,7 +203,7 @@ def law_along(p, k, warm, time, goal, on, q, w, external, out):
         if motor > 0:
             p[motor] = constant * warm[j]
         advance_stages(advancing, p, s, time[j])
-        value = torque_of_stages(acting, p, s, time[j], goal[j], q[j], w[j], external[j], True)
+        value = torque_of_stages(acting, p, s, time[j], goal[j], q[j], w[j], external=external[j], first=True)
         if not on[j]:
             value = idle_torque(p, s, q[j], w[j], external[j])
         out[j, 0], out[j, 1], out[j, 2], out[j, 3], out[j, 4] = value, s[S_LIMIT], s[S_DUTY], s[S_CURRENT], s[S_VOLTAGE]

@@ -254,7 +254,7 @@ def _drive(run: MeasuredRun, name: str, model: JointModel, motion: Motion, robot
     still = replace(model, load=JointModel(model.chain).load)
     law_along(
         program, still.constants({}, program), zeros + 1.0, run.time - run.time[0], command, on,
-        motion.position[:, dof].copy(), motion.speed[:, dof].copy(), zeros, out,
+        motion.position[:, dof].copy(), w=motion.speed[:, dof].copy(), external=zeros, out=out,
     )  # fmt: skip
     return out[:, 0]
 

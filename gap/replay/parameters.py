@@ -187,4 +187,14 @@ def about(value: float, low: float, high: float) -> bool:
 
 def factor(number: str, low: float, high: float, scale: float = 0.1, difference: float = 0.3) -> Parameter:
     """A factor on a nominal value."""
-    return Parameter(number, "1", low, high, 1.0, scale, True, difference, factor=True)
+    return Parameter(
+        number,
+        unit="1",
+        low=low,
+        high=high,
+        start=1.0,
+        scale=scale,
+        logarithmic=True,
+        difference=difference,
+        factor=True,
+    )

@@ -119,7 +119,7 @@ def drive(acting, p, k, s, time, goal, on, q, w, external, first):
 
     ``acting`` are the stages of the chain that act, see :func:`sealegs.actuators.law.stages_of`.
     """
-    value = torque_of_stages(acting, p, s, time, goal, q, w, external, first)
+    value = torque_of_stages(acting, p, s, time, goal, q, w, external=external, first=first)
     if not on:  # an open bridge: no current, so no torque and no braking
         value = idle_torque(p, s, q, w, external)
     return value - k[K.viscous] * w
@@ -140,7 +140,7 @@ def slide(acting, p, k, e, s, x, time, span, goal, on, first):
     for _ in range(6):
         q, w, lq, lw = x[0], x[1], x[2], x[3]
         external = -coupling_torque(k, q - lq, w - lw) if coupled else load_torque(k, e, q, w)
-        total = drive(acting, p, k, s, time, goal, on, q, w, external + others, first) + external
+        total = drive(acting, p, k, s, time, goal, on, q=q, w=w, external=external + others, first=first) + external
         first = False
         limit = s[S_LIMIT]
         la = (load_torque(k, e, lq, lw) - external) / link_inertia if coupled else 0.0
@@ -165,7 +165,10 @@ def slide(acting, p, k, e, s, x, time, span, goal, on, first):
         else:
             lq_mid, lw_mid = 0.0, 0.0
             external = load_torque(k, e, q_mid, w_mid)
-        total = drive(acting, p, k, s, time + half, goal, on, q_mid, w_mid, external + others, False) + external
+        total = (
+            drive(acting, p, k, s, time + half, goal, on, q=q_mid, w=w_mid, external=external + others, first=False)
+            + external
+        )
         a = (total - way * s[S_LIMIT]) / inertia
         w_new = w + left * a
         share = 1.0
@@ -214,8 +217,9 @@ def replay(p, k, terms, time, goal, on, temperature, q0, w0, step, out):
     acting, advancing = stages_of(p, HAS_ACT), stages_of(p, HAS_ADVANCE)
     e, before, after = np.zeros(E_SIZE), np.zeros(E_SIZE), np.zeros(E_SIZE)
     _replay(
-        pointer(acting), pointer(advancing), pointer(p), pointer(k), pointer(s), pointer(x),
-        pointer(e), pointer(before), pointer(after), terms, time, goal, on, temperature, q0, w0, step, out,
+        pointer(acting), pointer(advancing), pointer(p), pointer(k), pointer(s), pointer(x), pointer(e),
+        before=pointer(before), after=pointer(after), terms=terms, time=time, goal=goal, on=on, temperature=temperature,
+        q0=q0, w0=w0, step=step, out=out,
     )  # fmt: skip
     # the memory behind the pointers must live until here
     return acting[0] + advancing[0] + s[0] + x[0] + e[0] + before[0] + after[0]
@@ -252,7 +256,7 @@ def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, 
         else:
             external = load_torque(k, e, x[0], x[1]) + e[E_COUPLING]
         advance_stages(advancing, p, s, time[j])
-        torque_of_stages(acting, p, s, time[j], goal[j], x[0], x[1], external, True)
+        torque_of_stages(acting, p, s, time[j], goal[j], x[0], x[1], external=external, first=True)
         reading = host_reading_smooth(p, s, time[j], x[0])
         out[j, 0] = k[K.host_scale] * reading + k[K.host_offset]
         out[j, 1] = x[2] if k[K.coupled] > 0.0 else x[0]
@@ -274,7 +278,7 @@ def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, 
                     part = (at + 0.5 * span - time[j]) / (time[j + 1] - time[j])
                     for c in range(E_SIZE):
                         e[c] = before[c] + part * (after[c] - before[c])
-                slide(acting, p, k, e, s, x, at, span, goal[j], on[j], at > time[j])
+                slide(acting, p, k, e, s, x, at, span=span, goal=goal[j], on=on[j], first=at > time[j])
             now = end
         if not (abs(x[0]) < 1e4 and abs(x[1]) < 1e6):
             out[j:, :] = DIVERGED
@@ -341,8 +345,8 @@ def replay_many(programs, constants, terms, time, goal, on, temperature, starts,
             goal[a:b],
             on[a:b],
             temperature[a:b],
-            states[u, 0],
-            states[u, 1],
-            steps[v],
-            out[v, a:b],
+            q0=states[u, 0],
+            w0=states[u, 1],
+            step=steps[v],
+            out=out[v, a:b],
         )

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...actuators import Chain, Drivetrain
 from ...common.errors import SealegsError
+from ...envs.described.as_robot import as_robot
 from ..load.robot import LoggedRobot
 from ..load.tree import Motion
 from ..log.types import MeasuredRun
@@ -75,7 +76,7 @@ def whole(robot: LoggedRobot, chains: Mapping[str, Chain], params: Mapping[str, 
     Raises:
         SealegsError: they do not go together.
     """
-    drivetrain = robot.file.robot().drivetrain(dict(chains), params)
+    drivetrain = as_robot(robot.file).drivetrain(dict(chains), params)
     by_torque = {name for name, chain in drivetrain.chains.items() if chain.find("torque_command") is not None}
     return Whole(robot, drivetrain, frozenset(by_torque))
 

@@ -84,7 +84,7 @@ def fit(
     if isinstance(problem, Several):
         u = JointByJoint(problem, [p.path for p in parameters], values, u, (low, high), reach, every).run(evaluations)
     else:
-        u = _descended(problem, values, u, low, high, reach, every, evaluations)
+        u = _descended(problem, values, u, low=low, high=high, reach=reach, every=every, evaluations=evaluations)
     best_values = values(u)
     simulated = problem.simulate([best_values])[0]
     edge = 1e-3 * (high - low)

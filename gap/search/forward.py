@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..causes.cause import Cause, Variant
+from ..checks.bootstrap import block_weights
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Milestone, Progress
 from ..replay.comparison import robust_loss
@@ -16,7 +17,6 @@ from ..replay.problem import Problem
 from . import decide
 from .correlated import excess
 from .fit import Fit, fit, merge, middle
-from .loose import refitting_beats
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
 from .result import Candidate, Round, Search
 from .rough import charged, rough_fits, to_try
@@ -89,8 +89,9 @@ class Searcher:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
             self.progress(fault)
         return Search(
-            self.tuned, tuple(found.accepted), tuple(found.rounds), self.counts, base.fits, self.considered,
-            self.settings, SearchRecord(self.seed, tuple(found.steps)), fault,
+            self.tuned, accepted=tuple(found.accepted), rounds=tuple(found.rounds), counts=self.counts, base=base.fits,
+            causes=self.considered, settings=self.settings, record=SearchRecord(self.seed, tuple(found.steps)),
+            fault=fault,
         )  # fmt: skip
 
     def unled(self, found: Found) -> bool:
@@ -121,7 +122,7 @@ class Searcher:
         if not pays:
             return False
         winner = candidates[0]
-        self.outrun = self.outrun or refitting_beats(self, accepted, current.fits, winner.blocks)
+        self.outrun = self.outrun or self.refitting_beats(accepted, current.fits, winner.blocks)
         accepted.append(winner)
         found.current = self.of(winner)
         self.progress(Milestone(f"found {winner.cause.key} (removes {100 * winner.gain:.0f} % of what was left)"))
@@ -188,6 +189,25 @@ class Searcher:
             for part, found in zip(reversed(self.parts), fits, strict=True)
         ]
         return sum(count * level for count, level in parts) / sum(count for count, _ in parts)
+
+    def held_back(self, fits: tuple[Fit, Fit]) -> bool:
+        """Whether a tuned number is at an end of its tolerance, and refitting is to be considered."""
+        held = {p.path for p in self.tuned if p.factor}
+        return bool(self.wide) and any(held.intersection(one.at_bound) for one in fits)
+
+    def refitting_beats(self, accepted: Sequence[Candidate], fits: tuple[Fit, Fit], blocks: np.ndarray) -> bool:
+        """Whether refitted numbers, in place of tuned ones beside these causes, clearly beat a loss per block (b,).
+
+        They are tried where a tuned number is at an end of its tolerance.
+        """
+        if not self.held_back(fits):
+            return False
+        parameters = merge(self.wide, *(candidate.variant for candidate in accepted))
+        freed = self.judged(self.fit_both(parameters, middle(*fits))).blocks
+        if not freed.sum() < self.settings.clearly_less * blocks.sum():
+            return False
+        weights = block_weights(len(blocks), self.settings.draws, np.random.default_rng(self.seed))
+        return bool((weights @ freed < weights @ blocks).mean() > self.settings.least_certainty)
 
     def candidate(self, cause: Cause, variant: Variant, judged: Judged) -> Candidate:
         """A cause with what is decided on."""
@@ -348,7 +368,16 @@ class Searcher:
             asked = replace(winner.evidence, excess=self.excess(winner.fits))
             evidence = tuple(asked if one is winner.evidence else one for one in evidence)
         led = bool(self.led)
-        record = RoundRecord(self.counts, current.blocks, current.sampled, begin, left, promise, evidence, led)
+        record = RoundRecord(
+            self.counts,
+            before=current.blocks,
+            sampled=current.sampled,
+            excess=begin,
+            left=left,
+            promise=promise,
+            candidates=evidence,
+            led=led,
+        )
         return record, current
 
     def ranked(self, record: RoundRecord, fitted: Sequence[Candidate]) -> list[Candidate]:

@@ -9,19 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..causes.cause import Cause
-from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-from .fit import Fit, merge, middle
-from .result import Candidate, Search
-
-if TYPE_CHECKING:
-    from .forward import Searcher
+from .forward import Searcher
+from .result import Search
 
 WEIGHT = "load.mass"
 
@@ -36,8 +31,8 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
         found: by it.
     """
     tight = _blocks(searcher, found)
-    far = held_back(searcher, found.fits) and searcher.excess(found.fits) > searcher.settings.open_excess
-    if not (searcher.outrun or far or refitting_beats(searcher, found.accepted, found.fits, tight)):
+    far = searcher.held_back(found.fits) and searcher.excess(found.fits) > searcher.settings.open_excess
+    if not (searcher.outrun or far or searcher.refitting_beats(found.accepted, found.fits, tight)):
         return found
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
     loose = beside_refitted(searcher)
@@ -61,30 +56,6 @@ def charged(searcher: Searcher, found: Search) -> float:
     turned = sum(p.factor for p in found.tuned) if found.loose else 0
     charge = searcher.settings.parameter_charge * (_flexibility(found) + turned)
     return float(_blocks(searcher, found).sum()) * (1.0 + charge)
-
-
-def refitting_beats(
-    searcher: Searcher, accepted: Sequence[Candidate], fits: tuple[Fit, Fit], blocks: np.ndarray
-) -> bool:
-    """Whether refitted numbers, in place of tuned ones beside these causes, clearly beat a loss per block (b,).
-
-    They are tried where a tuned number is at an end of its tolerance.
-    """
-    if not held_back(searcher, fits):
-        return False
-    parameters = merge(searcher.wide, *(candidate.variant for candidate in accepted))
-    freed = searcher.judged(searcher.fit_both(parameters, middle(*fits))).blocks
-    settings = searcher.settings
-    if not freed.sum() < settings.clearly_less * blocks.sum():
-        return False
-    weights = block_weights(len(blocks), settings.draws, np.random.default_rng(searcher.seed))
-    return bool((weights @ freed < weights @ blocks).mean() > settings.least_certainty)
-
-
-def held_back(searcher: Searcher, fits: tuple[Fit, Fit]) -> bool:
-    """Whether a tuned number is at an end of its tolerance, and refitting is to be considered."""
-    held = {p.path for p in searcher.tuned if p.factor}
-    return bool(searcher.wide) and any(held.intersection(one.at_bound) for one in fits)
 
 
 def _torque_is_open(problem: Problem) -> bool:

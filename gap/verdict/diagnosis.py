@@ -240,11 +240,11 @@ def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosi
         runs,
         chains,
         request.seed,
-        request.progress,
-        request.test_group,
-        request.causes,
-        request.search,
-        request.look_on,
+        progress=request.progress,
+        test_group=request.test_group,
+        causes=request.causes,
+        settings=request.search,
+        look_on=request.look_on,
     )
     if not isinstance(sought, GroundSearch):
         return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
@@ -293,14 +293,31 @@ def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Repl
     request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
     problem = weigh_channels(converged(driven), request.search)
     seen = (*seen, *limits_of_driven(driven, pieces.joint, hidden))
-    return Replay(problem, problem, wide, tuned, with_started_delays(problem, causes), seen, stops, tuple(hidden))
+    return Replay(
+        problem,
+        fitting=problem,
+        wide=wide,
+        tuned=tuned,
+        causes=with_started_delays(problem, causes),
+        findings=seen,
+        stops=stops,
+        hidden=tuple(hidden),
+    )
 
 
 def _search(replay: Replay, request: Request) -> Search:
-    return seek(Searcher(
-        replay.fitting, list(replay.causes), tuple(replay.tuned), request.progress, request.seed, request.search,
-        request.look_on, tuple(replay.wide),
-    ))  # fmt: skip
+    return seek(
+        Searcher(
+            replay.fitting,
+            causes=list(replay.causes),
+            tuned=tuple(replay.tuned),
+            progress=request.progress,
+            seed=request.seed,
+            settings=request.search,
+            look_on=request.look_on,
+            wide=tuple(replay.wide),
+        )
+    )
 
 
 def _decide(
@@ -327,27 +344,28 @@ def _decide(
     verdict = decide(
         Replayed(
             joint,
-            measured.gap,
-            measured.tuned,
-            measured.causes,
-            measured.left,
-            measured.structure,
-            whole_runs(problem),
-            case.still,
-            blind,
-            beyond,
-            errors,
-            unit == "rad" and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
-            measured.open_causes,
-            measured.turned,
-            measured.beside,
-            held,
-            replay.hidden,
-            limits,
-            {} if measured.causes else telling(problem, measured.values, within),
-            measured.removed,
-            is_of_robot(problem),
-            measured.adrift,
+            errors=measured.gap,
+            tuned=measured.tuned,
+            causes=measured.causes,
+            left=measured.left,
+            structure=measured.structure,
+            whole_runs=whole_runs(problem),
+            still=case.still,
+            blind_to=blind,
+            beyond=beyond,
+            data_errors=errors,
+            fault_in_replay=unit == "rad"
+            and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
+            open_causes=measured.open_causes,
+            turned=measured.turned,
+            beside=measured.beside,
+            held=held,
+            hidden=replay.hidden,
+            limits=limits,
+            factors={} if measured.causes else telling(problem, measured.values, within),
+            removed=measured.removed,
+            of_robot=is_of_robot(problem),
+            adrift=measured.adrift,
         )
     )
     rivals = rivals_of(measured.causes)

@@ -77,7 +77,9 @@ def cut_joint(
     units = cut(runs, joint, test_group)
     if models[0].by_torque:
         units = between_gaps(runs, joint, units)
-    return Cut(joint, runs, models, units, noise, terms, tuple(findings), along)
+    return Cut(
+        joint, runs=runs, models=models, units=units, noise=noise, terms=terms, findings=tuple(findings), along=along
+    )
 
 
 def fit_runs(pieces: Cut) -> list[MeasuredRun]:

@@ -50,13 +50,13 @@ def with_robot(
         robot,
         runs,
         joints.problems,
-        joints.searches,
-        request.seed,
-        request.progress,
-        request.causes,
-        request.search,
-        request.look_on,
-        ENCODERS if light.tilted else (),
+        searches=joints.searches,
+        seed=request.seed,
+        progress=request.progress,
+        causes=request.causes,
+        settings=request.search,
+        look_on=request.look_on,
+        apart=ENCODERS if light.tilted else (),
     )
     if sought is None or not sought.search.accepted:
         return list(found)

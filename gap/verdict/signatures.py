@@ -261,9 +261,16 @@ def _pieces(problem: Problem, channels: np.ndarray) -> list[Piece]:
         slow = max(0.05 * float(np.quantile(np.abs(speed), 0.99)), 1e-6)
         pieces.append(
             Piece(
-                time, speed, acceleration, np.tanh(speed / slow), problem.judged[a:b],
-                position - channels[a:b, 0], channels[a:b, duty], problem.measured[a:b, duty] - channels[a:b, duty],
-                slow, np.ones(b - a, bool) if on is None else on[a:b],
+                time,
+                speed=speed,
+                acceleration=acceleration,
+                direction=np.tanh(speed / slow),
+                judged=problem.judged[a:b],
+                error=position - channels[a:b, 0],
+                duty=channels[a:b, duty],
+                duty_error=problem.measured[a:b, duty] - channels[a:b, duty],
+                slow=slow,
+                on=np.ones(b - a, bool) if on is None else on[a:b],
             )
-        )  # fmt: skip
+        )
     return pieces

@@ -126,7 +126,9 @@ def guide(
     for name in [name for name in names if name not in [joint.name for joint in joints]]:
         number = _choose(bus, name, [n for n in ids if n not in [j.id for j in joints]], servo, ask, say)
         gear = gear_of(name, gears or {}) or 1.0
-        found = _joint(bus, name, number, limits[name], servo, ask, say, gear, units[name])
+        found = _joint(
+            bus, name, number, limits=limits[name], servo=servo, ask=ask, say=say, per_radian=gear, unit=units[name]
+        )
         joints.append(replace(found, line=line))
         keep(joints)
     joints.sort(key=lambda joint: names.index(joint.name))
@@ -284,7 +286,9 @@ def _joint(
         raise CalibrationError(_over_the_seam(name, number, steps, servo, offset))
     ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
     low, high = ends[0] + INSIDE * per_radian, ends[1] - INSIDE * per_radian
-    joint = Joint(name, number, zero, direction, low, high, offset, per_radian)
+    joint = Joint(
+        name, id=number, zero=zero, direction=direction, low=low, high=high, homing_offset=offset, per_radian=per_radian
+    )
     say(f"{name}: zero at step {zero}, direction {direction:+d}, range {low:.{digits}f} to {high:.{digits}f} {unit}.")
     return joint
 

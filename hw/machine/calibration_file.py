@@ -77,4 +77,14 @@ def _joint(name: str, row: _Row, line: Line) -> Joint:
     low, high = checked(where, row.range, tuple[float, float], PAIR.format(where, row.range))
     if low >= high:
         raise SealegsError(PAIR.format(where, row.range))
-    return Joint(name, row.id, row.zero, row.direction, low, high, row.homing_offset, row.per_radian, line)
+    return Joint(
+        name,
+        id=row.id,
+        zero=row.zero,
+        direction=row.direction,
+        low=low,
+        high=high,
+        homing_offset=row.homing_offset,
+        per_radian=row.per_radian,
+        line=line,
+    )

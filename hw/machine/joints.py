@@ -272,7 +272,19 @@ def nominal_joints(
         low, high = sorted(scale * (at - zero) for at in (0, model.steps - 1))
         low, high = max(goals[0], low), min(goals[1], high)
         per_radian = abs(scale) / model.step
-        found.append(Joint(item.name, mounted.id, zero, mounted.direction, low, high, None, per_radian, line))
+        found.append(
+            Joint(
+                item.name,
+                id=mounted.id,
+                zero=zero,
+                direction=mounted.direction,
+                low=low,
+                high=high,
+                homing_offset=None,
+                per_radian=per_radian,
+                line=line,
+            )
+        )
     return found
 
 

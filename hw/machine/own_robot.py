@@ -10,7 +10,7 @@ from ...common.documents import read_yaml
 from ...common.errors import SealegsError, nearest
 from ...configs.check import checked
 from ...configs.compose import FOLDER
-from ...envs.engine.robot import RobotError
+from ...envs.engine.numbers import RobotError
 from ...envs.robots import get_robot
 from .assumed_limits import ASSUMED, assumed_limits
 

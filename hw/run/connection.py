@@ -245,7 +245,8 @@ def charge_of(
     ]
     homes = {name: Whereabouts.of(item.port) for name, item in opening.items()}
     return Charge(
-        first.port, first.baudrate, first.servo, first.timeout, ids.get("", []), rest,
-        config["silence"], os.getpid(), events, config["patience"], others, config["hw"]["virtual"] is None,
+        first.port, baudrate=first.baudrate, servo=first.servo, timeout=first.timeout, ids=ids.get("", []), rest=rest,
+        silence=config["silence"], loop=os.getpid(), events=events, patience=config["patience"], others=others,
+        lasting=config["hw"]["virtual"] is None,
         bearable=Bearable(limits.temperature, limits.current, limits.current_time), homes=homes,
     )  # fmt: skip

@@ -152,7 +152,16 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
     limits = Limits.from_config(config["robot"].get("safety") or {})
     Safety(robot, limits, 1.0 / rate)  # limits that do not fit the joints are refused here
     park = park_motion(config["robot"].get("park"), robot) if config["rest"] == "sit" else None
-    return Deployment(config, robot, commands, limits, rate, duration, calibration, park)
+    return Deployment(
+        config,
+        robot=robot,
+        commands=commands,
+        limits=limits,
+        rate=rate,
+        duration=duration,
+        calibration=calibration,
+        park=park,
+    )
 
 
 def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | None:

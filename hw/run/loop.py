@@ -170,8 +170,10 @@ class ControlLoop:
         self._event(
             "end", ending=ending, reason=self._stop.reason, cycles=timing.cycles, overruns=timing.overruns, **held
         )
-        rest = at_rest.failed, at_rest.seconds, at_rest.rest
-        return Outcome(ending, self._stop.reason, fault, timing, cut, bus, *rest, self._note)
+        return Outcome(
+            ending, self._stop.reason, fault=fault, timing=timing, cut=cut, bus=bus, not_at_rest=at_rest.failed,
+            rest_seconds=at_rest.seconds, rest=at_rest.rest, note=self._note,
+        )  # fmt: skip
 
     def _way_to_rest(self) -> WayToRest:
         to = partial(setattr, self, "state")

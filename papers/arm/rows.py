@@ -36,7 +36,16 @@ def kinematic_rows() -> list[Row]:
             agrees = abs(ours - value) < 1e-12 if value == 0.0 else None
             bound = None if value == 0.0 else max(EXACT, 0.6e-4 / abs(value))  # four digits are printed
             found.append(
-                Row(f"{label} position of the tool, {axis}", "table I", value, float(ours), INPUTS, "m", bound, agrees)
+                Row(
+                    f"{label} position of the tool, {axis}",
+                    where="table I",
+                    printed=value,
+                    ours=float(ours),
+                    mark=INPUTS,
+                    unit="m",
+                    within=bound,
+                    agrees=agrees,
+                )
             )
     return found
 

@@ -199,7 +199,19 @@ class HoppingExperiment:
         columns = np.split(table, np.cumsum([1, 2, 1, 4, 4, 4, 4, 2, 1]), axis=1)
         time, hip, pitch, link, motor, torque, stretch, spring, phase, hop = columns
         spring = spring * SPRING_RATIO
-        return Hopping(time[:, 0], hip, pitch[:, 0], link, motor, torque, stretch, spring, phase[:, 0], hop[:, 0], fell)
+        return Hopping(
+            time[:, 0],
+            hip=hip,
+            pitch=pitch[:, 0],
+            link=link,
+            motor=motor,
+            torque=torque,
+            stretch=stretch,
+            spring=spring,
+            phase=phase[:, 0],
+            hop=hop[:, 0],
+            fell=fell,
+        )
 
 
 def hop_times(hopping: Hopping) -> np.ndarray:

@@ -243,7 +243,18 @@ class Machine:
             current[k], power[k], contact[k] = mean, drawn, self.contact_forces()
             voltage[k] = data.userdata[self._voltage]
         self._check()
-        return Walk(gait, times, place, goals, position, current, voltage, power, contact, self.weight)
+        return Walk(
+            gait,
+            time=times,
+            place=place,
+            goal=goals,
+            position=position,
+            current=current,
+            voltage=voltage,
+            power=power,
+            contact=contact,
+            weight=self.weight,
+        )
 
     def _check(self) -> None:
         if any(warning.number for warning in self.data.warning[int(mujoco.mjtWarning.mjWARN_BADQPOS) :]):

@@ -184,7 +184,18 @@ class Legs:
             pair[target] = np.gradient(pair[source], CONTROL_STEP, axis=0)
         goal, motor, link, motor_speed, link_speed, torque = pair
         time, height, forward, clearance = one
-        return Hops(time, height, forward, clearance, goal, motor, link, motor_speed, link_speed, torque)
+        return Hops(
+            time,
+            height=height,
+            forward=forward,
+            clearance=clearance,
+            goal=goal,
+            motor=motor,
+            link=link,
+            motor_speed=motor_speed,
+            link_speed=link_speed,
+            torque=torque,
+        )
 
     def real_time_factor(self, seconds: float) -> float:
         """Simulated time over the time it takes, controller included."""

@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain, DrivenCoordinate
-from ...envs.engine.robot import Number, Robot
+from ...envs.engine.numbers import Number
+from ...envs.engine.robot import Robot
 from ...envs.engine.scene import CAMERA, FLOOR, add_scene, add_sun
 from ...envs.leg import parameters
 from ...envs.leg.kinematics import angles, foot

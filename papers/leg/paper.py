@@ -111,14 +111,14 @@ class Analysis:
         friction = [friction_torque(self._chains[name], q[:, j], rate[:, j]) for j, name in enumerate(JOINTS)]
         return Contributions(
             time,
-            q,
-            lengthening(self.values, q),
-            constant,
-            whole - constant,
-            coriolis(k, q, rate),
-            gravity(k, q),
-            rotors(self.values) * acceleration,
-            np.stack(friction, axis=1),
+            q=q,
+            lengthening=lengthening(self.values, q),
+            constant=constant,
+            varying=whole - constant,
+            coriolis=coriolis(k, q, rate),
+            gravity=gravity(k, q),
+            rotor=rotors(self.values) * acceleration,
+            friction=np.stack(friction, axis=1),
         )
 
     def workspace(self, count: int, seed: int = 0) -> np.ndarray:

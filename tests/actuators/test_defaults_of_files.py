@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import Drivetrain
 from sealegs.actuators.mounting import DrivenCoordinate
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.gap.output.mjcf import native_text
 
@@ -77,7 +78,7 @@ def test_a_file_that_limits_its_own_actuators_does_not_limit_a_chain(tmp_path: P
     actuators = f"<actuator>{servo.format('a')}{servo.format('b')}</actuator>"
     path.write_text(text('<motor gear="2" forcerange="-3 3"/>', actuators=actuators))
     file = load_robot_file(path)
-    model = file.robot().drivetrain({joint.name: joint.chain for joint in file.joints}).model
+    model = as_robot(file).drivetrain({joint.name: joint.chain for joint in file.joints}).model
     data = mujoco.MjData(model)
     data.ctrl[model.actuator("a").id] = 0.1
     mujoco.mj_forward(model, data)
@@ -111,6 +112,6 @@ def test_a_file_may_say_how_many_user_values_its_parts_have(tmp_path: Path) -> N
     path.write_text(text(actuators=f"<actuator>{servo}</actuator>", size=size, own=f'{OWN} user="1 2"'))
     file = load_robot_file(path)
     for chain in (file.joint("a").chain, CHAINS["compliance"]):
-        drivetrain = file.robot().drivetrain({"a": chain})
+        drivetrain = as_robot(file).drivetrain({"a": chain})
         row = drivetrain.model.actuator_user[drivetrain.actuator_ids["a"]]
         assert np.array_equal(row, drivetrain.program("a")) and drivetrain.model.nuser_jnt == 2

@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.extended import Change
 from sealegs.gap.load.terms import E_COUPLING, E_INERTIA, E_SIZE, T_OWN, T_PASSIVE, T_SPIN
@@ -87,12 +88,12 @@ def test_an_inertia_that_was_found_of_a_link_is_the_bodys_in_the_robots_model(tm
     (tmp_path / "arm.xml").write_text(mjcf(ARMS["two_link"]))
     file = load_robot_file(tmp_path / "arm.xml")
     name = file.joints[1].joint
-    plain, found = (file.robot().build_spec(params).compile() for params in ({}, {f"{name}_inertia": more}))
+    plain, found = (as_robot(file).build_spec(params).compile() for params in ({}, {f"{name}_inertia": more}))
     motion = moving(2)
     wanted = block_of(terms_along(plain, 1, motion), 0) + more * block_of(terms_along(plain, 1, motion), T_SPIN)
     np.testing.assert_allclose(block_of(terms_along(found, 1, motion), 0), wanted, atol=1e-6)
     assert found.dof_armature[1] == plain.dof_armature[1]
-    rotor = file.robot().build_spec({f"{name}_rotor": 0.003}).compile()
+    rotor = as_robot(file).build_spec({f"{name}_rotor": 0.003}).compile()
     assert rotor.dof_armature[1] == pytest.approx(plain.dof_armature[1] + 0.003)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from sealegs.commands import new_robot
 from sealegs.envs.described.robot_file import load_robot_file
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 
 ARM = """<mujoco><worldbody><body><joint name="pan" axis="0 0 1"/><geom size="0.1" mass="1"/>
 <body pos="0 0 0.2"><joint name="lift" axis="0 1 0"/><geom size="0.1" mass="1"/>

@@ -7,9 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.described.model_file import read_model
 from sealegs.envs.described.robot_file import load_robot_file
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.extended import Change, Extended
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.tree import Motion, block_along, terms_along, tip_behind
@@ -50,7 +51,7 @@ def arm(
 def logged(path: Path, text: str) -> LoggedRobot:
     path.write_text(text)
     file = load_robot_file(path)
-    return LoggedRobot(file, file.bare_model())
+    return LoggedRobot(file, bare_model(file))
 
 
 def level() -> Motion:
@@ -64,7 +65,7 @@ def moving() -> Motion:
 def mended(machine: LoggedRobot, changes: list[Change]) -> mujoco.MjModel:
     """The robot's own model with what was found."""
     found = Extended(str(machine.file.path), {}, {}, tuple(of_robot(machine, changes)))
-    return machine.file.bare_model(found.params_on(machine.file.robot()))
+    return bare_model(machine.file, found.params_on(as_robot(machine.file)))
 
 
 def felt(machine: LoggedRobot, model: mujoco.MjModel, joint: str, motion: Motion) -> np.ndarray:
@@ -104,7 +105,7 @@ def test_a_payload_that_was_found_at_a_frame_without_a_mass_goes_into_the_robots
         payload = block_of(terms_along(machine.model, machine.number(joint), moving()), 1)
         np.testing.assert_allclose(felt(machine, model, joint, moving()), 0.5 * payload, atol=1e-6)
     with pytest.raises(RobotError, match="tool0_payload"):
-        machine.file.bare_model({"tool0_payload": -0.1})
+        bare_model(machine.file, {"tool0_payload": -0.1})
 
 
 def test_a_payload_hangs_at_the_site_of_a_body_whose_centre_of_mass_is_its_origin(tmp_path: Path) -> None:
@@ -139,7 +140,7 @@ def test_nothing_compensates_the_weight_of_what_the_model_did_not_know(
 
 def test_a_model_whose_compensation_was_kept_is_the_same_in_its_own_xml(tmp_path: Path) -> None:
     machine = arm(tmp_path, SITE, 1.0)
-    spec = machine.file.robot().build_spec({"fore_payload": 0.5})
+    spec = as_robot(machine.file).build_spec({"fore_payload": 0.5})
     model, again = spec.compile(), mujoco.MjModel.from_xml_string(spec.to_xml())
     number = machine.number("shoulder")
     np.testing.assert_allclose(
@@ -158,7 +159,7 @@ def test_a_base_with_compensated_weights_feels_its_tilt_and_is_refused_in_the_en
         np.testing.assert_allclose(rows[0], rows[1], atol=1e-9)
     machine = arm(tmp_path, SITE, 1.0)
     with pytest.raises(RobotError, match=r"cannot be tilted .* \(gravcomp of bodies upper, fore\)"):
-        machine.file.bare_model({"tilt_y": 0.1})
+        bare_model(machine.file, {"tilt_y": 0.1})
 
 
 def test_one_mass_that_is_changed_leaves_those_of_bodies_that_are_taken_from_shapes(tmp_path: Path) -> None:
@@ -167,7 +168,7 @@ def test_one_mass_that_is_changed_leaves_those_of_bodies_that_are_taken_from_sha
     end = '<body name="block" pos=".3 0 0"><inertial pos="0 0 .1" mass=".3" diaginertia=".01 .01 .01"/></body>'
     machine = arm(tmp_path, end, compiler='inertiafromgeom="true"', shape=shape)
     believed = mujoco.MjModel.from_xml_path(str(machine.file.path))
-    model = machine.file.bare_model({"fore_mass": 2.4})
+    model = bare_model(machine.file, {"fore_mass": 2.4})
     np.testing.assert_allclose(model.body_mass, [0.0, 2.0, 2.4, 0.3])
     for values in ("body_ipos", "body_iquat"):
         np.testing.assert_allclose(getattr(model, values), getattr(believed, values), atol=1e-9)

@@ -9,9 +9,10 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import robot_hash
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.described.robot_sources import files_read
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.new_robot.robot_yaml import robot_yaml
 from sealegs.envs.robots import get_robot
 
@@ -50,7 +51,7 @@ def test_a_drive_has_friction_damping_and_armature_once_and_the_chain_is_where()
     np.testing.assert_allclose(model.dof_damping, sts3215.value("friction.viscous"))
     np.testing.assert_allclose(model.dof_frictionloss, sts3215.value("friction.coulomb"))
     np.testing.assert_allclose(model.dof_armature, sts3215.armature())
-    bare = load_robot_file(ARM).bare_model()
+    bare = bare_model(load_robot_file(ARM))
     assert not bare.dof_damping.any() and not bare.dof_frictionloss.any() and not bare.dof_armature.any()
 
 
@@ -111,7 +112,7 @@ def test_a_urdf_with_a_slide_a_mimic_joint_a_missing_mesh_and_an_undeclared_worl
     assert file.model.followers == {"mirror": "grip"} and not file.coupled
     said = " ".join(file.said)
     assert "taken for the ground" in said and "these meshes are not there: part.stl;" in said
-    drivetrain = file.robot().drivetrain()
+    drivetrain = as_robot(file).drivetrain()
     data = mujoco.MjData(drivetrain.model)
     data.ctrl[:] = 0.2, 0.5
     mujoco.mj_step(drivetrain.model, data, 1500)
@@ -271,7 +272,7 @@ def test_a_tendon_over_two_fingers_of_which_one_follows_drives_the_leading_one(t
     for file in (load_robot_file(path), load_robot_file(tmp_path / "hand.yaml")):
         split = file.joint("split")
         assert split.terms == (("finger_l", 1.0),) and split.range == (0.0, 0.03)
-    drivetrain = file.robot().drivetrain()
+    drivetrain = as_robot(file).drivetrain()
     data = mujoco.MjData(drivetrain.model)
     data.ctrl[:] = 0.1, 0.02
     mujoco.mj_step(drivetrain.model, data, 2000)

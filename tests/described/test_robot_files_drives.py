@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from sealegs.commands import new_robot
 from sealegs.common.errors import SealegsError
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 
 PAIR = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" range="-1 1" {a}/>
 <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.2" mass="0.3"/><body pos="0 0 -0.2">
@@ -98,7 +99,7 @@ def test_two_servos_on_tied_joints_become_one_that_moves_both_as_the_model_does(
     both = mujoco.MjData(plain)
     both.ctrl[:] = [0.3 * ratio, 0.3] if swapped else [0.3, 0.3 * ratio]
     mujoco.mj_step(plain, both, 3000)
-    drivetrain = load_robot_file(tmp_path / "pair.yaml").robot().drivetrain()
+    drivetrain = as_robot(load_robot_file(tmp_path / "pair.yaml")).drivetrain()
     one = mujoco.MjData(drivetrain.model)
     one.ctrl[0] = 0.3
     mujoco.mj_step(drivetrain.model, one, 3000)
@@ -111,10 +112,10 @@ def test_the_step_that_is_assumed_is_short_enough_for_the_drives(tmp_path: Path,
     told(pair(tmp_path, stiff), capsys)
     robot = load_robot_file(tmp_path / "pair.yaml")
     assert 0.0002 < robot.timestep < 0.002
-    robot.robot().drivetrain()
+    as_robot(robot).drivetrain()
     (tmp_path / "pair.yaml").write_text((tmp_path / "pair.yaml").read_text().replace(f"{robot.timestep:g} ", "0.002 "))
     with pytest.raises(SealegsError, match=r"unstable at a step of 0\.002 s"):
-        load_robot_file(tmp_path / "pair.yaml").robot().drivetrain()
+        as_robot(load_robot_file(tmp_path / "pair.yaml")).drivetrain()
 
 
 DEGREES = """<mujoco><compiler angle="degree"/><worldbody><body><joint name="arm" axis="0 1 0" range="-90 90"/>

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from sealegs.commands import new_robot
 from sealegs.envs.described.robot_file import load_robot_file
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.new_robot import robot_yaml
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="{name}" axis="0 1 0" range="-1 {high}"/>

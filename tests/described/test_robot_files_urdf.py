@@ -7,10 +7,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import bare_model
 from sealegs.envs.described.model_file import read_model
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.described.robot_sources import files_read
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 
 GOOD = 'ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"'
 URDF = """<robot name="arm"><link name="{root}"/>{head}
@@ -80,7 +81,7 @@ def test_a_mesh_that_cannot_be_read_is_left_out_where_the_link_has_an_inertia(
     path = urdf(tmp_path, shape=MESH.format(file) + MESH.format("solid.obj"))
     robot = load_robot_file(path)
     assert f"arm.urdf: MuJoCo cannot read these meshes: {file}; bodies move without them" in " ".join(robot.said)
-    assert robot.bare_model().ngeom == 1
+    assert bare_model(robot).ngeom == 1
     bodies = '<body name="upper"><joint name="yaw"/><geom type="mesh" mesh="m"/></body>'
     model = f'<mujoco><asset><mesh name="m" file="{file}"/></asset><worldbody>{bodies}</worldbody></mujoco>'
     (tmp_path / "arm.xml").write_text(model)
@@ -154,7 +155,7 @@ def test_a_total_mass_is_worked_into_the_masses_and_warned_of_by_no_one(tmp_path
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         robot = load_robot_file(tmp_path / "arm.xml")
-        model = robot.bare_model()
+        model = bare_model(robot)
     np.testing.assert_allclose(model.body_mass, wanted.body_mass)
     np.testing.assert_allclose(model.body_inertia, wanted.body_inertia)
     assert "asks for a total mass of 2 kg" in " ".join(robot.said)

@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 import pytest
 from sealegs.actuators import ChainError
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 
 from tests.pendulum_on_a_chain import PENDULUM, drivetrain, run
@@ -88,5 +89,5 @@ def test_the_assumed_step_of_a_file_is_short_enough_for_its_stiff_servos(tmp_pat
             <actuator><position joint="elbow" kp="{stiffness}" kv="1"/></actuator></mujoco>""")
         robot = load_robot_file(model)
         steps.append(robot.timestep)
-        assert reached(robot.robot().drivetrain().model) < 0.05
+        assert reached(as_robot(robot).drivetrain().model) < 0.05
     assert all(later < earlier for earlier, later in pairwise(steps))

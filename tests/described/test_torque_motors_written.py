@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.gap.output.mjcf import native_text, not_native
 
@@ -29,7 +30,7 @@ def test_plain_mujoco_moves_as_the_chain_does(fault: str, tmp_path: Path) -> Non
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
     chain = load_chain(FAULTS[fault])
-    drivetrain = load_robot_file(path).robot().drivetrain({"s": chain})
+    drivetrain = as_robot(load_robot_file(path)).drivetrain({"s": chain})
     assert not_native(chain) == []
     plain = mujoco.MjModel.from_xml_string(native_text(drivetrain.spec.to_xml(), drivetrain.chains))
     ends = []

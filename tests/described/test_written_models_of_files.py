@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators.chain import load_chain
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.model_meshes import without_meshes_that_fail
 from sealegs.envs.described.robot_file import load_robot_file
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.extended import Extended, Mounted
 from sealegs.gap.load import robot as robots
 from sealegs.gap.log.reader import read_measured
@@ -75,11 +76,11 @@ def test_a_written_actuator_has_no_limit_and_no_gear_of_the_files_own_actuators(
     """A position goal of 3 rad was clamped at 0.1 rad, and a gear of 2 doubled each torque."""
     actuators = '<actuator><position joint="s" kp="9" gear="1" ctrlrange="-3 3" forcerange="-9 9"/></actuator>'
     path = model_file(tmp_path, ROUND, actuators, f"<default>{defaults}</default>")
-    drivetrain = load_robot_file(path).robot().drivetrain({"s": load_chain(chain)})
+    drivetrain = as_robot(load_robot_file(path)).drivetrain({"s": load_chain(chain)})
     text = native_text(drivetrain.spec.to_xml(), drivetrain.chains)
     (tmp_path / "plain").mkdir()
-    plain = (
-        load_robot_file(model_file(tmp_path / "plain", ROUND, actuators)).robot().drivetrain({"s": load_chain(chain)})
+    plain = as_robot(load_robot_file(model_file(tmp_path / "plain", ROUND, actuators))).drivetrain(
+        {"s": load_chain(chain)}
     )
     models = [
         mujoco.MjModel.from_xml_string(native_text(item.spec.to_xml(), item.chains)) for item in (drivetrain, plain)
@@ -98,7 +99,7 @@ def test_a_written_motor_joint_and_tendon_have_nothing_of_the_default_classes_of
     )
     world = ROUND.replace('name="u"', 'name="u" childclass="a"').replace("</body>", forearm)
     springy = load_chain([{"ideal": {**SERVO[0]["ideal"], "armature": 0.05}}, {"compliance": {"stiffness": 300.0}}])
-    robot = load_robot_file(model_file(tmp_path, world, before=before)).robot()
+    robot = as_robot(load_robot_file(model_file(tmp_path, world, before=before)))
     drivetrain = robot.drivetrain({"s": load_chain(SERVO), "e": springy})
     plain = mujoco.MjModel.from_xml_string(native_text(drivetrain.spec.to_xml(), drivetrain.chains))
     names = [name for name in dir(plain) if name.startswith(("jnt_", "dof_", "tendon_")) and "actfrc" not in name]

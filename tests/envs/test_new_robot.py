@@ -9,7 +9,7 @@ from sealegs.commands import new_robot
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import ContractError, make_contract
 from sealegs.envs.described.robot_file import load_robot_file
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.robots import get_robot
 from sealegs.gap.log.types import OTHER
 from sealegs.hw.machine.own_robot import READERS

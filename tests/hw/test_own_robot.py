@@ -12,6 +12,7 @@ from sealegs.commands import cli, deploy, new_robot, relevant
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
 from sealegs.hw.machine.calibration import write_calibration
@@ -117,7 +118,7 @@ def test_no_servo_is_sent_torques(arm: Path) -> None:
         with pytest.raises(SealegsError, match=says):
             deploy.main([given, f"robot={path}"])
     with pytest.raises(SealegsError, match=says):
-        Machine(load_robot_file(path).robot())
+        Machine(as_robot(load_robot_file(path)))
     servo = build_robot(config(robot=str(path))["robot"], "sts3215")
     chains = {name: chain.to_list() for name, chain in servo.chains.items()}
     contract = make_contract({"id": "SeaLegs/Track-v0", "robot": str(path)}, chains, 50.0)

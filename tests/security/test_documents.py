@@ -26,7 +26,7 @@ from sealegs.common.documents import (
     read_yaml,
 )
 from sealegs.envs.described.model_file import read_model
-from sealegs.envs.engine.robot import RobotError
+from sealegs.envs.engine.numbers import RobotError
 from sealegs.gap.log.importers.readers import read_recordings
 from sealegs.gap.log.types import LogError
 

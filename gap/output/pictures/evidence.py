@@ -210,8 +210,10 @@ def balance(problem: JointProblem, motion: Motion, values: Mapping[str, float]) 
         sources.append(source)
     source = max(set(sources), key=sources.count)
     torques, limit, duty, current, voltage = law.T
-    felt_by_link = angle, speed, inertial, gravity, coupling
-    return Balance(*felt_by_link, motor, source, torques, limit, viscous, duty, current, voltage)
+    return Balance(
+        angle, speed, inertial=inertial, gravity=gravity, coupling=coupling, motor=motor, source=source, law=torques,
+        limit=limit, viscous=viscous, duty=duty, current=current, voltage=voltage,
+    )  # fmt: skip
 
 
 def _about_rows(held: np.ndarray) -> np.ndarray:

@@ -53,13 +53,13 @@ class Timeline:
         at = np.unique(keep)
         return Timeline(
             self.x[at],
-            None if self.goal is None else self.goal[at],
-            self.measured[at],
-            {name: values[at] for name, values in self.models.items()},
-            self.tested,
-            self.runs,
-            self.quantity,
-            self.unit,
+            goal=None if self.goal is None else self.goal[at],
+            measured=self.measured[at],
+            models={name: values[at] for name, values in self.models.items()},
+            tested=self.tested,
+            runs=self.runs,
+            quantity=self.quantity,
+            unit=self.unit,
         )
 
 
@@ -71,7 +71,16 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
         if "time" not in simulated or "measured" not in simulated:
             return None
         models = {name: simulated[name] for name in MODELS if name in simulated}
-        return Timeline(simulated["time"], None, simulated["measured"], models, [], [], quantity, diagnosis.unit)
+        return Timeline(
+            simulated["time"],
+            goal=None,
+            measured=simulated["measured"],
+            models=models,
+            tested=[],
+            runs=[],
+            quantity=quantity,
+            unit=diagnosis.unit,
+        )
     problem = diagnosis.problem
     rows, x, tested, runs = [], [], [], []
     offset, end, last = 0.0, 0.0, -1
@@ -99,7 +108,16 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
     measured = cut(problem.measured[:, 0])
     joint = problem.joint if problem.signal[0] == "position" else None
     goal = None if joint is None or joint.models[0].by_torque else cut(joint.goal)  # a torque is no position
-    return Timeline(np.concatenate(x), goal, measured, models, tested, runs, quantity, diagnosis.unit)
+    return Timeline(
+        np.concatenate(x),
+        goal=goal,
+        measured=measured,
+        models=models,
+        tested=tested,
+        runs=runs,
+        quantity=quantity,
+        unit=diagnosis.unit,
+    )
 
 
 def fine(unit: str) -> tuple[float, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ....common.extras import needed_for
 from ..port import BusPort
-from . import Reply
+from .dialect import Reply
 
 with needed_for("the Dynamixel protocol"):
     import dynamixel_sdk as sdk

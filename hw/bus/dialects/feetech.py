@@ -5,7 +5,7 @@ from __future__ import annotations
 import scservo_sdk as sdk
 
 from ..port import RATES, BusPort
-from . import Reply
+from .dialect import Reply
 
 ID, ERROR, DATA = 2, 4, 5  # places in a packet
 

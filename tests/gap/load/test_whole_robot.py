@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.extended import Change, Extended, Mounted
 from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
@@ -107,7 +108,7 @@ def felt(run: MeasuredRun, changes: list[Change], joint: str) -> tuple[np.ndarra
     """What a joint works against in the robot's own model, and in that with changes (samples, columns)."""
     machine = robot(run)
     found = Extended(run.robot, {}, {}, tuple(of_robot(machine, changes)))
-    model = machine.file.bare_model(found.params_on(machine.file.robot()))
+    model = bare_model(machine.file, found.params_on(as_robot(machine.file)))
     motion = Motion(*np.random.default_rng(3).normal(0.0, 0.6, (3, 4, 2)))
     number = machine.number(joint)
     return terms_along(machine.model, number, motion), terms_along(model, number, motion)

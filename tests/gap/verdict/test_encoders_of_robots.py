@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.extended import Extended
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.output.robot_extension import of_robot, widened_range
@@ -94,7 +95,7 @@ def test_a_range_that_the_log_goes_beyond_is_said_and_widened_in_the_extended_mo
     (found,) = diagnose(MeasuredSet((run,), "log"), only=["shoulder"], causes=["drive.delay"])
     machine = robot(run)
     wider = of_robot(machine, widened_range(machine, found, ()))
-    model = machine.file.robot()
+    model = as_robot(machine.file)
     params = Extended(run.robot, {}, {}, tuple(wider)).params_on(model)
     low, high = model.drivetrain(None, params).model.jnt_range[machine.number("shoulder")]
     axis = axis_of(machine, "shoulder", [run])

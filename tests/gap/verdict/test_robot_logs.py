@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
+from sealegs.envs.described.as_robot import bare_model
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
@@ -209,7 +210,7 @@ def test_a_payload_takes_away_no_more_than_the_body_at_the_end(tmp_path: Path) -
     machine = robot(data.runs[0])
     tip = tip_behind(machine.model, machine.number("shoulder"))
     body = machine.model.body(tip.body).name
-    least = machine.file.bare_model({f"{body}_payload": payload.low})  # the engine takes such a body
+    least = bare_model(machine.file, {f"{body}_payload": payload.low})  # the engine takes such a body
     assert least.body(body).mass[0] > 0.0
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.extended import Extended
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot
@@ -70,7 +71,7 @@ def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_mod
     believed = block_along(machine.model, machine.number(joint), motion)
     for number, (direction, size) in numbers(machine).items():
         found = Extended(recorded.robot, {}, {}, tuple(shared_changes(machine, found_of_robot(number, size))))
-        model = machine.file.bare_model(found.params_on(machine.file.robot()))
+        model = bare_model(machine.file, found.params_on(as_robot(machine.file)))
         change = block_along(model, machine.number(joint), motion) - believed
         rows = rows_of(direction, machine, joint, [recorded], [whole])
         said = np.zeros_like(change) if rows is None else (size - direction.neutral) * rows[0][at]
@@ -143,8 +144,8 @@ def test_inertias_that_a_file_gives_about_the_joints_are_one_number(tmp_path: Pa
     machine = robot(type(recorded)(**{**vars(recorded), "robot": str(tmp_path / "arm.xml")}))
     assert about_joints(machine) is not None
     changes = tuple(shared_changes(machine, found_of_robot("robot.about_joints", 1.0)))
-    mended = machine.file.bare_model(
-        Extended(str(tmp_path / "arm.xml"), {}, {}, changes).params_on(machine.file.robot())
+    mended = bare_model(
+        machine.file, Extended(str(tmp_path / "arm.xml"), {}, {}, changes).params_on(as_robot(machine.file))
     )
     for body in ("shoulder_link", "elbow_link"):
         np.testing.assert_allclose(np.sort(mended.body(body).inertia), np.sort(model.body(body).inertia), rtol=1e-3)
