@@ -30,7 +30,7 @@ EFFECT = {"friction.load_dependent": "clear"}
 
 def measure(factor: float) -> dict[str, Any]:
     """Diagnose runs ``factor`` times 24 s long."""
-    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.finder.diagnosis import diagnose
 
     from testbed import hidden_bench
     from testbed.excitation import DEFAULT_SCHEDULES

@@ -119,8 +119,8 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
         look_on: also fit rounds that the search would skip, for ``benchmarks.sensitivity``.
         recording: of the bench, where it is not the usual one (:func:`testbed.hidden_bench`).
     """
+    from sealegs.gap.finder.diagnosis import diagnose
     from sealegs.gap.search.record import to_dict
-    from sealegs.gap.verdict.diagnosis import diagnose
 
     from testbed import drawn_constants, hidden_bench
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.finder.diagnosis import diagnose
 
 from benchmarks.hidden import revision
 from testbed.arm import ARMS, record_arm

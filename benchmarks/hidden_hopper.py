@@ -47,7 +47,7 @@ def cases(names: Sequence[str], magnitudes: Sequence[str], seeds: int, first: in
 
 def run(case: Case) -> dict[str, Any]:
     """Record and diagnose one case; causes of all joints and of the ground, the one that removes most error first."""
-    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.finder.diagnosis import diagnose
 
     data, truth = hidden_hopper(dict(case.effects), case.seed)
     began = time.perf_counter()

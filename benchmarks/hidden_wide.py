@@ -42,7 +42,7 @@ FAULT_CODES = {
 
 def run(seed: int) -> dict[str, Any]:
     """Record and diagnose one case, and judge the models on a fresh run of its plant."""
-    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.finder.diagnosis import diagnose
 
     from testbed import hidden_wide
 

@@ -105,7 +105,7 @@ def write(path: Path, rows: int) -> None:
 def measure(path: Path) -> dict[str, Any]:
     """Read and diagnose a log in this process; peak memory [MiB] before, after reading and at the end, times [s]."""
     from sealegs.gap.checks.long import read_bounded
-    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.finder.diagnosis import diagnose
 
     def peak() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 from sealegs.gap.experiment import RATE, Experiment
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).parent / "results" / "next_experiment"

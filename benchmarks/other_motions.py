@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 from sealegs.gap.causes.unknown import with_believed_load
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.prepare.checking import check_log
+from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_problem import converged
-from sealegs.gap.verdict.checking import check_log
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.pieces import cut_joint
 
 from benchmarks.robot_logs import DATA, SO101_JOINTS, so101
 

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 from sealegs.common.errors import SealegsError
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.importers import import_logs, read_mapping
 from sealegs.gap.log.parts import TEST
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.files import to_document
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).resolve().parent / "results"

@@ -18,10 +18,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sealegs.gap.finder.diagnosis import diagnose, diagnose_joint
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose, diagnose_joint
-from sealegs.gap.verdict.pieces import cut_joint
-from sealegs.gap.verdict.request import Request
+from sealegs.gap.prepare.pieces import cut_joint
+from sealegs.gap.prepare.request import Request
 
 from testbed.logs import hidden_arm, hidden_bench
 

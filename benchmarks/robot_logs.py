@@ -21,9 +21,9 @@ import numpy as np
 import pyarrow.parquet
 import scipy.io
 import yaml
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 RESULTS = Path(__file__).parent / "results"

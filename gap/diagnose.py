@@ -55,9 +55,9 @@ def diagnose(
     """
     settings = checked_settings(test, seed, limits, speed_limit, causes, joints)
     from .experiment import Limits, default_limits
+    from .finder import diagnosis as search
     from .output.partial import going_on, source_in_memory, source_of
-    from .verdict import diagnosis as search
-    from .verdict.columns import chosen, commanded
+    from .prepare.columns import chosen, commanded
 
     out = None if keep is None else Path(keep)
     data: MeasuredSet | None = None

@@ -13,9 +13,10 @@ from ..common.errors import SealegsError
 from .log.finding import Finding
 from .log.progress import Progress
 from .log.types import MeasuredSet
+from .measure.named import NamedCause, Value
 from .output.document import document_of, joints_of, read_document
 from .output.numbers import rounded, sureness, unit_of
-from .verdict.verdict import DataError, JointDiagnosis, NamedCause, Value
+from .verdict.verdict import DataError, JointDiagnosis
 
 if TYPE_CHECKING:
     from ..envs.extended import Extended

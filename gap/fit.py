@@ -91,12 +91,12 @@ def fit(
     Raises:
         SealegsError: the log cannot be read or replayed, or there is no such joint or number.
     """
+    from .finder.diagnosis import prepared
     from .log.types import MeasuredSet
+    from .prepare.columns import commanded
+    from .prepare.request import Request
     from .search.fit import fit as fitted_to
     from .search.intervals import intervals
-    from .verdict.columns import commanded
-    from .verdict.diagnosis import prepared
-    from .verdict.request import Request
 
     if isinstance(log, str | Path):
         from .checks.long import read_bounded

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed import hidden_bench

@@ -13,8 +13,8 @@ from sealegs.gap.causes.registry import ROBOT
 from sealegs.gap.ground.leg_causes import contact_causes
 from sealegs.gap.ground.leg_model import LegModel
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.shared.directions import TILTS
-from sealegs.gap.shared.search import SENTENCES
+from sealegs.gap.robot.directions import TILTS
+from sealegs.gap.robot.search import SENTENCES
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE = DOCS / "catalogue.md"

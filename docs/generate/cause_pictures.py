@@ -13,8 +13,8 @@ from pathlib import Path
 
 from PIL import Image
 from sealegs.gap.causes.registry import GROUND
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.output.pictures import cause_pictures, png
-from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed import EFFECTS, hidden_bench, hidden_hopper
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
+from sealegs.gap.measure.confidence import Thresholds
+from sealegs.gap.measure.signatures import SignatureLimits
 from sealegs.gap.search.settings import COLUMNS, EFFORT, ROBOT, TOLD, TORQUE, SearchSettings
 from sealegs.gap.search.structure import StructureLimits
-from sealegs.gap.verdict.evidence import Thresholds
-from sealegs.gap.verdict.signatures import SignatureLimits
 
 PAGE = Path(__file__).resolve().parents[1] / "thresholds.md"
 HEAD = """# Thresholds

@@ -115,7 +115,7 @@ class Cause:
             ``response``, or the column that shows a cause of the ground best.
         plausible: size by path at which it ought to show, so that finding none of it means something.
         signature: key of the features in which the extended model must agree with the measurement before the cause is
-            certain (:mod:`sealegs.gap.verdict.signatures`); empty where none is known.
+            certain (:mod:`sealegs.gap.measure.signatures`); empty where none is known.
     """
 
     sentence: str

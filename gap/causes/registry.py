@@ -35,7 +35,7 @@ ENTRIES: dict[str, Entry] = {}
 GROUND = ("contact.friction", "contact.stiffness", "contact.slope")
 """Names of the causes of the ground under a leg (:mod:`sealegs.gap.ground.causes`)."""
 ROBOT = ("load.tilt",)
-"""Names of the causes that only a whole robot has (:mod:`sealegs.gap.shared.search`)."""
+"""Names of the causes that only a whole robot has (:mod:`sealegs.gap.robot.search`)."""
 
 
 def always(nominal: JointModel) -> bool:

@@ -143,7 +143,7 @@ def diagnose_folder(
 def joints_of(log: Path) -> Sequence[str]:
     """The joints of a folder of logs that can be diagnosed each for itself; none where it cannot be read."""
     from ..checks.long import read_bounded
-    from ..verdict.columns import commanded
+    from ..prepare.columns import commanded
 
     try:
         return commanded(read_bounded(log).runs)

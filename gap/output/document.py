@@ -15,21 +15,11 @@ from ...common.documents import DocumentError, read_json
 from ...common.errors import SealegsError
 from ..experiment import DetectionLimit, Experiment, read_goals
 from ..log.finding import Finding
+from ..measure.named import CERTAIN, Error, NamedCause, OpenCause, Value
+from ..measure.signatures import Signature
 from ..search.structure import Structure
 from ..verdict.decide import overall as overall_verdict
-from ..verdict.signatures import Signature
-from ..verdict.verdict import (
-    CERTAIN,
-    NOT_IDENTIFIABLE,
-    PARTLY,
-    DataError,
-    Error,
-    JointDiagnosis,
-    NamedCause,
-    OpenCause,
-    Reason,
-    Value,
-)
+from ..verdict.verdict import NOT_IDENTIFIABLE, PARTLY, DataError, JointDiagnosis, Reason
 from .extension import changes, not_native
 
 VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from ..verdict.verdict import Value
+from ..measure.named import Value
 
 MINUS = "\N{MINUS SIGN}"
 GLUE = "\N{NO-BREAK SPACE}"

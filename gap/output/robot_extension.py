@@ -18,8 +18,8 @@ from ...envs.extended import Change
 from ..causes.contact import STOPS
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import NO_LEVER, arm_of, carries, tip_behind
-from ..shared import ROBOT
-from ..shared.directions import every
+from ..robot.directions import every
+from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 
 CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them

@@ -6,9 +6,10 @@ import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
+from ..measure.named import NamedCause, Value
+from ..prepare.frames import DOUBTED
 from ..search.structure import fine
-from ..verdict.frames import DOUBTED
-from ..verdict.verdict import BESIDE, JointDiagnosis, NamedCause, Reason, Value
+from ..verdict.verdict import BESIDE, JointDiagnosis, Reason
 from ..verdict.words import size
 from .document import sentences_of
 from .limits import LEAD, LIMITS, by_family, limits_told

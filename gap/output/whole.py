@@ -15,10 +15,10 @@ from ...envs.extended import Extended
 from ..load.robot import LoggedRobot, robot_of
 from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
+from ..prepare.checking import check_log
+from ..prepare.resting import without_rests
 from ..replay.whole import Whole, replay_whole, whole, why_not_whole
-from ..shared import ROBOT
-from ..verdict.checking import check_log
-from ..verdict.resting import without_rests
+from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .extension import Taken, as_taken, believed_still
 

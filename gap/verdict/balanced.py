@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 from ..checks.torque_balance import FURTHEST
-from .evidence import Balanced, Thresholds
-from .verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, ONE_OF_SEVERAL, PARTLY, Reason, Verdict
+from ..measure.confidence import Thresholds
+from ..measure.named import ONE_OF_SEVERAL
+from .evidence import Balanced
+from .verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, Reason, Verdict
 from .words import certainty, is_guess, open_reason, some, subject, verb
 
 SHIFT = "torque.delay"  # number of a torque column that is out of step

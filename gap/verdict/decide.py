@@ -18,44 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..measure.confidence import THRESHOLDS, Adrift, Thresholds
+from ..measure.named import CERTAIN, WITHDRAWN, NamedCause, OpenCause
+from ..measure.signatures import disagreeing
+from ..measure.unseen import first
 from ..replay.problem import OF_A_ROBOT
 from ..search.structure import listed
 from .balanced import balanced
-from .evidence import THRESHOLDS, Adrift, Balanced, Evidence, Refused, Replayed, Thresholds
-from .signatures import disagreeing
-from .verdict import (
-    BESIDE,
-    CERTAIN,
-    EXPLAINED,
-    LIKELY,
-    NOT_IDENTIFIABLE,
-    NOTHING,
-    ONE_OF_SEVERAL,
-    PARTLY,
-    POSSIBLE,
-    UNUSABLE,
-    WITHDRAWN,
-    WORST_FIRST,
-    NamedCause,
-    OpenCause,
-    Reason,
-    Verdict,
-)
-from .words import (
-    also,
-    certainty,
-    change,
-    fall,
-    firmly,
-    first,
-    is_guess,
-    levels,
-    open_reason,
-    size,
-    some,
-    subject,
-    verb,
-)
+from .evidence import Balanced, Evidence, Refused, Replayed
+from .verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, WORST_FIRST, Reason, Verdict
+from .words import also, certainty, change, fall, firmly, is_guess, levels, open_reason, size, some, subject, verb
 
 MOSTLY = 0.5  # of what is explained, from which what tuned numbers do is told first
 ROUNDED = 5e-3  # change of a number below which no one is told of it
@@ -72,34 +44,6 @@ def decide(evidence: Evidence, limit: Thresholds = THRESHOLDS) -> Verdict:
             return balanced(evidence, limit)
         case Replayed():
             return _replayed(evidence, limit)
-
-
-def confidence(win_rate: float, removed: float, residual: float, beyond: float = 1.0) -> float:
-    """Win rate x removed / (removed + residual) x beyond refitting, ``removed`` and ``residual`` as loss per value.
-
-    Args:
-        win_rate: share of the draws in which the cause beats all others.
-        removed: by it.
-        residual: structure that is left, and what the laws of the other causes may have wrong. An unknown cause that
-            leaves that much may also be what made this one look good.
-        beyond: share of what refitted numbers leave that the causes remove. Where numbers that are not wrong fit as
-            well, so may a cause that is not there.
-    """
-    return win_rate * removed / (removed + residual) * beyond if removed > 0.0 else 0.0
-
-
-def law_error(others: float, limit: Thresholds = THRESHOLDS) -> float:
-    """What the laws of other causes may have wrong, of what these explain; both in squares of the noise floor."""
-    return limit.form**2 * others
-
-
-def standing(
-    confidence: float, rivals: Sequence[str], limit: Thresholds = THRESHOLDS, *, contradicted: bool = False
-) -> str:
-    """What is said of one cause, whatever is said of others; its own features may contradict it."""
-    if confidence < limit.sure:
-        return ONE_OF_SEVERAL if rivals else POSSIBLE
-    return CERTAIN if confidence >= limit.certain and not contradicted else LIKELY
 
 
 def overall(verdicts: Sequence[str]) -> int:

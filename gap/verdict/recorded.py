@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..log.finding import Finding
+from ..measure.named import NamedCause
 from ..search.settings import DEFAULT, SearchSettings
-from .verdict import NamedCause, Reason
+from .verdict import Reason
 
 DELAY = "delay.seconds"
 

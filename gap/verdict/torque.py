@@ -19,16 +19,18 @@ from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.torque_side import said_side, side_by_load, side_note
 from ..log.types import LogError, MeasuredRun
+from ..measure.confidence import THRESHOLDS, standing
+from ..measure.measured import error_of
+from ..measure.named import Error, NamedCause, Value
+from ..measure.unseen import furthest, handed_over, withdrawn
+from ..prepare.request import Request
 from ..replay.parameters import TIGHT, address
 from ..search.settings import SearchSettings
-from .decide import decide, standing
-from .evidence import THRESHOLDS, Balanced
-from .measure import error_of
-from .request import Request
+from .decide import decide
+from .evidence import Balanced
 from .torque_causes import SHIFT, Sought, sought_in, terms_of, torque_causes, with_shares
 from .torque_model import Believed, TorqueModel
-from .unseen import furthest, handed_over, withdrawn
-from .verdict import Error, JointDiagnosis, NamedCause, Value, data_errors, rivals_of
+from .verdict import JointDiagnosis, data_errors, rivals_of
 
 NO_WISHES = Request()
 NORMAL_MEAN = math.sqrt(2.0 / math.pi)  # mean size of normal noise, over its rms

@@ -16,13 +16,13 @@ from ..causes.cause import Cause
 from ..causes.unknown import unknown_parameters
 from ..checks.bootstrap import block_weights
 from ..log.types import MeasuredRun
+from ..measure.confidence import confidence, standing
+from ..measure.named import NamedCause, Value
+from ..measure.shares import owed_to
+from ..prepare.request import Request
 from ..replay.joint_model import JointModel
 from ..search.settings import DEFAULT, SearchSettings
-from .decide import confidence, standing
-from .request import Request
-from .shares import owed_to
 from .torque_model import Term, TorqueModel
-from .verdict import NamedCause, Value
 
 SURE = 1.96  # standard deviations of half a 95 % interval
 LIKE_ANY = "sts3215"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
+from ..measure.confidence import Thresholds
+from ..measure.named import CERTAIN, LIKELY, NamedCause, OpenCause
 from ..search.structure import fine, listed, told_in
-from .evidence import Replayed, Thresholds
-from .verdict import CERTAIN, LIKELY, NamedCause, OpenCause, Reason
+from .evidence import Replayed
+from .verdict import Reason
 
 ASIDE = 0.2  # of what causes explain together, up to which those that are only possible are mentioned aside
 
@@ -84,14 +85,3 @@ def also(causes: Sequence[NamedCause]) -> str:
     """What else the data would allow."""
     pairs = [f"{' or '.join(cause.rivals)} in place of {cause.name}" for cause in causes if cause.rivals]
     return f"Less likely, but not excluded: {', '.join(pairs)}."
-
-
-def furthest(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
-    """Numbers with their factors, those that were turned furthest, for people."""
-    turned = sorted(factors, key=lambda row: -abs(math.log(max(row[1], 1e-9))))
-    return first(turned, most)
-
-
-def first(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
-    """The first numbers of several with their factors, for people."""
-    return ", ".join(f"{number} x {factor:.3g}" for number, factor in factors[:most])

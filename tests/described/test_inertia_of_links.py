@@ -10,11 +10,11 @@ import pytest
 from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.extended import Change
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.terms import E_COUPLING, E_INERTIA, E_SIZE, T_OWN, T_PASSIVE, T_SPIN
 from sealegs.gap.load.tree import Motion, spin_block, terms_along
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.output.robot_extension import of_robot
-from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed.arm import ARMS, mjcf
 from tests.gap.log.test_torque_driven_arm import CENTRE, COULOMB, INERTIA, LENGTH, MASS, MODEL, ROTOR, moved

@@ -15,7 +15,7 @@ from sealegs.envs.extended import Change, Extended
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.tree import Motion, block_along, terms_along, tip_behind
 from sealegs.gap.output.robot_extension import of_robot
-from sealegs.gap.shared.directions import Direction, every
+from sealegs.gap.robot.directions import Direction, every
 
 from tests.logged_robots import block_of
 

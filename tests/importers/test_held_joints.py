@@ -10,8 +10,8 @@ import pytest
 from sealegs.gap.checks.data_set import check_set, corrected
 from sealegs.gap.log.importers import propose_for
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
-from sealegs.gap.verdict.checking import check_log
-from sealegs.gap.verdict.columns import commanded
+from sealegs.gap.prepare.checking import check_log
+from sealegs.gap.prepare.columns import commanded
 
 from tests.importers.test_import import motion
 

@@ -13,15 +13,15 @@ from sealegs.actuators.chain import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.checks.stops import stops_of
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.prepare.checking import check_log
+from sealegs.gap.prepare.whole_goals import with_whole_goals
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import TIGHT
-from sealegs.gap.verdict.checking import check_log
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.feed_forward import with_whole_goals
 
 GRAVITY, STEP, EVERY = 9.81, 1e-4, 50
 MASS, LENGTH, BODY, ROTOR = 1.2, 0.22, 4e-3, 0.012  # [kg], [m], [kg.m2], [kg.m2]

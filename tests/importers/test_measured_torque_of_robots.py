@@ -10,7 +10,7 @@ from sealegs.gap.load.robot import robot_of
 from sealegs.gap.log import LogError
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import propose_for
-from sealegs.gap.verdict.columns import check_robot, commanded
+from sealegs.gap.prepare.columns import check_robot, commanded
 
 from tests.importers.importing import ANGLE, LATE, TIME, table
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ...verdict.verdict import JointDiagnosis, NamedCause
+from ...measure.named import NamedCause
+from ...verdict.verdict import JointDiagnosis
 from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from .driven import passed_torque
 from .evidence import Evidence

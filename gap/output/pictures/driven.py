@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...checks.signal import derivatives
+from ...measure.named import NamedCause
 from ...replay.constants import K
 from ...replay.joint_model import JointModel
 from ...replay.simulator import coupling_torque
-from ...verdict.verdict import NamedCause
 from .binned import bins, cloud, draw_measured, equal_counts, limits
 from .evidence import Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...measure.named import NamedCause
 from ...replay.parameters import address
-from ...verdict.verdict import NamedCause
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
 from .evidence import Balance, Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled

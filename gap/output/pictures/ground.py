@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...log.parts import TEST
-from ...verdict.verdict import NamedCause
+from ...measure.named import NamedCause
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 

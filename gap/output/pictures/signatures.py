@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...verdict.signatures import LIMITS, Signature
-from ...verdict.verdict import JointDiagnosis, NamedCause
+from ...measure.named import NamedCause
+from ...measure.signatures import LIMITS, Signature
+from ...verdict.verdict import JointDiagnosis
 from .style import EXTENDED, NOMINAL, figure, styled
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...verdict.verdict import NamedCause
+from ...measure.named import NamedCause
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, limits
 from .evidence import Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled

@@ -15,11 +15,12 @@ from ...experiment import Experiment
 from ...ground.ground import GROUND
 from ...log.parts import FIT_A, FIT_B, TEST
 from ...log.types import MeasuredRun, MeasuredSet
+from ...measure.named import NamedCause, Value
 from ...replay.parameters import address
 from ...replay.problem import Problem
+from ...robot.search import ROBOT
 from ...search.result import Search
-from ...shared import ROBOT
-from ...verdict.verdict import JointDiagnosis, NamedCause, Value
+from ...verdict.verdict import JointDiagnosis
 from ..extension import changes as changes_of
 from ..extension import not_native, readable
 from ..limits import LIMITS, limits_told

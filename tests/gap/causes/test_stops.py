@@ -12,8 +12,8 @@ from sealegs.gap.causes.contact import with_stops
 from sealegs.gap.checks.stops import Stop, stops_of
 from sealegs.gap.experiment.excitations import CLEAR, Limits, excitations, within
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.prepare.pieces import cut_joint, fit_runs
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.pieces import cut_joint, fit_runs
 
 from testbed import hidden_bench
 from tests.changed_logs import JOINT, with_log

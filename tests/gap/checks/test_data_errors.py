@@ -12,8 +12,8 @@ import pytest
 from scipy.interpolate import make_smoothing_spline
 from sealegs.gap.checks.correction import CONVERTED
 from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING
 
 from testbed import hidden_bench

@@ -127,7 +127,7 @@ def test_memory_does_not_grow_with_the_log(long_log: Path, tmp_path: Path) -> No
 def test_the_findings_of_the_whole_log_reach_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.finder.diagnosis import diagnose
     from sealegs.gap.verdict.verdict import UNUSABLE
 
     from testbed import hidden_bench

@@ -9,12 +9,12 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.checks.data_set import check_set, corrected
 from sealegs.gap.checks.recording import MOMENT
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure.named import CERTAIN
 from sealegs.gap.replay.driven import driven_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.verdict import CERTAIN
 
 from testbed import NOISE_FLOOR, hidden_bench
 

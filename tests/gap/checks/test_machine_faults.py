@@ -11,7 +11,7 @@ import pytest
 from sealegs.gap.checks.data_set import check_set, corrected
 from sealegs.gap.checks.off import released
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
-from sealegs.gap.verdict.checking import check_log
+from sealegs.gap.prepare.checking import check_log
 
 from testbed import hidden_bench
 from tests.changed_logs import JOINT, signal, with_log

@@ -25,12 +25,12 @@ from sealegs.gap.experiment import (
 from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
 from sealegs.gap.experiment.exposure import too_many
 from sealegs.gap.experiment.proposal import Hypothesis, everything, experiment_sentence, kept_within
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import LogError
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.result import Search
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, UNUSABLE
 
 from benchmarks.next_experiment import POOR, outcome, record_experiment, summary

@@ -12,6 +12,7 @@ import pytest
 from sealegs.actuators import Drivetrain
 from sealegs.actuators.chain import load_chain
 from sealegs.envs.hopper.robot import FOOT, HOPPER
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, search_ground
 from sealegs.gap.ground.leg_causes import contact_causes, ground_numbers
 from sealegs.gap.ground.leg_ground import leg_problem
@@ -21,14 +22,14 @@ from sealegs.gap.ground.problem import GroundProblem
 from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredSet
+from sealegs.gap.measure.named import NamedCause
 from sealegs.gap.output.extension import write_extension
 from sealegs.gap.output.files import fresh_folder, write_diagnosis
 from sealegs.gap.output.pictures import cause_pictures
 from sealegs.gap.search.fit import fit
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.evidence import Refused
 from sealegs.gap.verdict.refusal import refuse
-from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis, NamedCause
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 from testbed import hidden_hopper
 from testbed.hopper import JOINTS
@@ -227,9 +228,9 @@ def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.Mo
         told.extend(arguments)
         return "there is no ground."
 
-    monkeypatch.setattr("sealegs.gap.verdict.diagnosis.search_ground", ground)
+    monkeypatch.setattr("sealegs.gap.finder.diagnosis.search_ground", ground)
     monkeypatch.setattr(
-        "sealegs.gap.verdict.diagnosis.diagnose_joint",
+        "sealegs.gap.finder.diagnosis.diagnose_joint",
         lambda runs, joint, *others: refuse(joint, Refused(f"'{joint}'", "it was left out.", usable=True)),
     )
     *_, found = diagnose(data, data.runs[1].name)

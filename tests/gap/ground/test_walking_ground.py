@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.robots import get_robot
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from sealegs.gap.ground.laid import Laid
 from sealegs.gap.ground.tree_ground import lay_robot
 from sealegs.gap.ground.tree_model import TreeModel, base_joints, ground_of
 from sealegs.gap.ground.tree_replay import TreeReplay
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING
 
 from testbed.logs import hidden_walker

@@ -18,7 +18,7 @@ from sealegs.gap.load.units import in_model_units
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import LogError, MeasuredSet
-from sealegs.gap.verdict.checking import check_log
+from sealegs.gap.prepare.checking import check_log
 
 from testbed import hidden_bench
 from tests.changed_logs import JOINT

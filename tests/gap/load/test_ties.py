@@ -15,7 +15,7 @@ from sealegs.gap.load.tree import Motion, block_along, carries, terms_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.tree import not_free
 from sealegs.gap.replay.unlogged import torques_of
-from sealegs.gap.shared.directions import payload
+from sealegs.gap.robot.directions import payload
 
 MASSES, LENGTHS, RATIO = (0.3, 0.2), (0.12, 0.15), -0.8  # of the two fingers [kg, m], and of the ways they go
 STIFFNESS, DAMPING = 6.0, 0.15  # of the servo [N.m/rad, N.m.s/rad]

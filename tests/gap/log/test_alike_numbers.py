@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.alike import with_alike
-from sealegs.gap.verdict.diagnosis import diagnose
 
 MASS, CENTRE, LINK, ROTOR, DRY, VISCOUS = 0.6, 0.12, 0.004, 0.02, 0.06, 0.08
 STEP, EVERY, GRAVITY = 2e-4, 20, 9.81

@@ -12,7 +12,7 @@ import pytest
 from sealegs.gap.load.robot import Frame
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import JointLog, MeasuredRun
-from sealegs.gap.verdict.frames import in_likely_frames
+from sealegs.gap.prepare.frames import in_likely_frames
 
 from tests.logged_robots import robot
 from tests.quick import quick

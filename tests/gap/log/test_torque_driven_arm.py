@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.verdict.diagnosis import diagnose
 
 GRAVITY, STEP, EVERY = 9.81, 2e-4, 10
 MASS, CENTRE, INERTIA, LENGTH = (0.6, 0.5), (0.12, 0.15), (2.0e-3, 1.5e-3), 0.2  # [kg], [m], [kg.m2], [m]

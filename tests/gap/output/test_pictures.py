@@ -10,13 +10,14 @@ import pytest
 from matplotlib import rcParams
 from matplotlib.image import imread
 from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, png
 from sealegs.gap.output.pictures.drive import UNITS, response
 from sealegs.gap.output.pictures.evidence import Evidence
 from sealegs.gap.output.pictures.summary import budget_slices
 from sealegs.gap.output.pictures.timeline import timeline, worst_window
 from sealegs.gap.output.pictures.transmission import way_since_reversal
-from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from tests.small_diagnosis import small_diagnosis
 

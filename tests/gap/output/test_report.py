@@ -16,10 +16,11 @@ import pytest
 from sealegs.gap.experiment import DetectionLimit, Experiment
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure.named import Error, NamedCause, Value
 from sealegs.gap.output.numbers import GLUE, rounded
 from sealegs.gap.output.report import write_report
 from sealegs.gap.output.terminal import screen
-from sealegs.gap.verdict.verdict import UNUSABLE, DataError, Error, JointDiagnosis, NamedCause, Reason, Value
+from sealegs.gap.verdict.verdict import UNUSABLE, DataError, JointDiagnosis, Reason
 
 from tests.quick import quick
 from tests.small_diagnosis import small_diagnosis

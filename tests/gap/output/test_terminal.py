@@ -13,6 +13,7 @@ from sealegs.commands.diagnose import how_to_go_on
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.extended import Extended
 from sealegs.gap.experiment import DetectionLimit, Experiment, write_experiment
+from sealegs.gap.measure.named import CERTAIN, NEAR_MISS, NamedCause, OpenCause, Value
 from sealegs.gap.output.extension import write_extended
 from sealegs.gap.output.next_step import experiment_command
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
@@ -20,20 +21,7 @@ from sealegs.gap.output.partial import FOLDER, TOLD
 from sealegs.gap.output.terminal import screen, told_once
 from sealegs.gap.verdict.evidence import Refused
 from sealegs.gap.verdict.refusal import refuse
-from sealegs.gap.verdict.verdict import (
-    CERTAIN,
-    EXPLAINED,
-    NEAR_MISS,
-    NOT_IDENTIFIABLE,
-    NOTHING,
-    PARTLY,
-    DataError,
-    JointDiagnosis,
-    NamedCause,
-    OpenCause,
-    Reason,
-    Value,
-)
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, DataError, JointDiagnosis, Reason
 
 
 def named(name: str, share: float, parameters: dict[str, Value], rivals: tuple[str, ...] = ()) -> NamedCause:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.extension import extended_of
 from sealegs.gap.output.whole import confirm_whole
-from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed.bench import NOISE_FLOOR
 from tests.logged_robots import JOINTS, two_link_run

@@ -9,6 +9,7 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.visible import limits, shown
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.axis import Axis
@@ -16,7 +17,6 @@ from sealegs.gap.replay.constants import K
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.driven_simulator import replay_driven
 from sealegs.gap.replay.joint_model import IMMOVABLE, JointModel
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
 from testbed import hidden_hopper

@@ -10,10 +10,10 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.log.parts import Unit
 from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.flattened import flattened
 from sealegs.gap.replay.free import free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.pieces import cut_joint
 
 from tests.logged_robots import two_link_run
 

@@ -17,9 +17,9 @@ from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import address, factor
+from sealegs.gap.robot.problem import RobotModel, RobotProblem
 from sealegs.gap.search.sketch import sketch
 from sealegs.gap.search.structure import fine
-from sealegs.gap.shared.problem import RobotModel, RobotProblem
 
 from tests.smooth_bench import CHAIN, PARAMS
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log import read_measured
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, JointDiagnosis
 from sealegs.gap.virtual.bench import LOADS as BENCH
 from sealegs.gap.virtual.bench import record

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.common.errors import SealegsError
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
@@ -13,7 +14,6 @@ from sealegs.gap.replay.engine import bench, replay_in_engine
 from sealegs.gap.replay.free import NO_TERMS, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.simulator import replay
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOTHING
 
 from tests.smooth_bench import CHAIN, PARAMS

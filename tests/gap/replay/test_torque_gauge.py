@@ -13,12 +13,12 @@ from sealegs.actuators.stability import velocity_slope
 from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.load.tree import own_lever, tip_behind, tip_mass
 from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.measure.unseen import refitted_numbers
 from sealegs.gap.output.mjcf import _actuator
 from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import TIGHT, Parameter
 from sealegs.gap.search.torque_gauge import is_torque, room
-from sealegs.gap.verdict.unseen import refitted_numbers
 
 from testbed.logs import hidden_arm
 from tests.logged_robots import free_replay as problem

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.log.parts import TEST, cut
+from sealegs.gap.measure.unseen import unseen_range
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.unseen_range import unseen_range
 
 from benchmarks.hidden import LOADS
 from testbed import hidden_bench

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import adjustable, catalogue
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
@@ -18,7 +19,6 @@ from sealegs.gap.search.forward import Judged, Searcher
 from sealegs.gap.search.record import RoundRecord
 from sealegs.gap.search.result import Candidate, Round
 from sealegs.gap.search.settings import SearchSettings
-from sealegs.gap.verdict.diagnosis import diagnose
 
 from testbed import hidden_bench
 from testbed.bench import JOINT, NOISE_FLOOR

@@ -10,7 +10,12 @@ import pytest
 from sealegs.common.bugs import Unforeseen
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure import unseen
+from sealegs.gap.measure.measured import measured, not_excluded
+from sealegs.gap.measure.named import WITHDRAWN
+from sealegs.gap.measure.unseen import Handed, does_nothing, handed_over
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter, factor
 from sealegs.gap.search.bounded import root_of, solved
@@ -19,11 +24,7 @@ from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.result import Candidate, Round, Search
 from sealegs.gap.search.settings import DEFAULT
-from sealegs.gap.verdict import unseen
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.measure import measured, not_excluded
-from sealegs.gap.verdict.unseen import Handed, does_nothing, handed_over
-from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, WITHDRAWN
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE
 
 from testbed import hidden_bench
 from tests.gap.search.test_decisions import BEFORE, COUNTS, evidence, round_of

@@ -11,6 +11,7 @@ from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.measure.measured import unseen_in
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search import led
@@ -18,7 +19,6 @@ from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.led import fastest, of_run
 from sealegs.gap.search.record import Evidence
 from sealegs.gap.search.result import Candidate, Round, Search
-from sealegs.gap.verdict.measure import unseen_in
 
 from tests.smooth_bench import CHAIN, PARAMS
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.actuators import Chain, load_chain
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import FIT_A, FIT_B, LEAST_START, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
@@ -15,7 +16,6 @@ from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.sketch import sketch
 from sealegs.gap.search.windows import SHORTEST, WINDOW, in_windows, split
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import EXPLAINED
 
 from testbed import hidden_bench
@@ -68,7 +68,7 @@ def test_an_effect_found_in_windows_is_judged_on_whole_runs(monkeypatch: pytest.
         searched.append(len(problem.units))
         return Searcher(problem, *rest, **more)
 
-    monkeypatch.setattr("sealegs.gap.verdict.diagnosis.Searcher", searcher)
+    monkeypatch.setattr("sealegs.gap.finder.diagnosis.Searcher", searcher)
     near = ("friction.load_dependent", "friction.stribeck", "friction.coulomb", "drive.delay")
     data, _ = hidden_bench({"friction.load_dependent": "clear"}, 11, ("light", "medium", "heavy"), duration=9.0)
     (found,) = diagnose(data, causes=near, settings=replace(DEFAULT, window_error=0.5))

@@ -15,6 +15,11 @@ from sealegs.gap.experiment.detection import Looks
 from sealegs.gap.experiment.proposal import SHOWS, Hypothesis, Prediction
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B
+from sealegs.gap.measure.adrift import adrift, begun_fit, left_by, with_starts
+from sealegs.gap.measure.confidence import Adrift
+from sealegs.gap.measure.named import CERTAIN, WITHDRAWN, Error, NamedCause, OpenCause
+from sealegs.gap.measure.shares import telling
+from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_problem import JointProblem
 from sealegs.gap.replay.parameters import Parameter
@@ -22,22 +27,9 @@ from sealegs.gap.replay.problem import Problem
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.search.where import where
-from sealegs.gap.verdict.adrift import adrift, begun_fit, left_by, with_starts
 from sealegs.gap.verdict.decide import decide
-from sealegs.gap.verdict.evidence import Adrift, Replayed
-from sealegs.gap.verdict.pieces import cut_joint
-from sealegs.gap.verdict.telling import telling
-from sealegs.gap.verdict.verdict import (
-    CERTAIN,
-    EXPLAINED,
-    NOT_IDENTIFIABLE,
-    NOTHING,
-    PARTLY,
-    WITHDRAWN,
-    Error,
-    NamedCause,
-    OpenCause,
-)
+from sealegs.gap.verdict.evidence import Replayed
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY
 
 STEP, NOISE = 5e-3, 1e-4  # [s], [m]
 MASS = (3.0, 2.0)  # [kg] of a slide, and of one that it carries

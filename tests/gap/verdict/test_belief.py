@@ -6,8 +6,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from sealegs.gap.verdict import belief
-from sealegs.gap.verdict.evidence import Adrift
+from sealegs.gap.measure import belief
+from sealegs.gap.measure.confidence import Adrift
 
 NOISE = 2e-4  # [rad]
 

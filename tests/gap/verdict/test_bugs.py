@@ -11,13 +11,13 @@ import pytest
 from sealegs.common.bugs import BUG, Unforeseen, place_of
 from sealegs.configs.script import run
 from sealegs.gap.diagnosis import Diagnosis
+from sealegs.gap.finder.parallel import side_by_side
 from sealegs.gap.fleet import jobs
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.prepare.request import Request
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.parallel import side_by_side
 from sealegs.gap.verdict.refusal import refuse
-from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 

@@ -11,28 +11,24 @@ from dataclasses import replace
 import pytest
 from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.log.finding import Finding
-from sealegs.gap.output.document import overall as of_documents
-from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.decide import MOST_WORDS, confidence, decide, law_error, overall, standing
-from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
-from sealegs.gap.verdict.verdict import (
+from sealegs.gap.measure.confidence import confidence, law_error, standing
+from sealegs.gap.measure.named import (
     CERTAIN,
-    EXPLAINED,
     LIKELY,
     NEAR_MISS,
-    NOT_IDENTIFIABLE,
-    NOTHING,
     ONE_OF_SEVERAL,
-    PARTLY,
     POSSIBLE,
-    UNUSABLE,
     WITHDRAWN,
-    DataError,
     Error,
     NamedCause,
     OpenCause,
     Value,
 )
+from sealegs.gap.output.document import overall as of_documents
+from sealegs.gap.search.structure import Structure
+from sealegs.gap.verdict.decide import MOST_WORDS, decide, overall
+from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, DataError
 
 NOISE = 6e-4  # [rad]
 POSITION = DataError(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.experiment import DetectionLimit
-from sealegs.gap.verdict.diagnosis import diagnose
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
 
 from testbed import hidden_bench, hidden_wide

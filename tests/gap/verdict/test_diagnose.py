@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 import yaml
 from sealegs.actuators import load_chain
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log import read_measured
-from sealegs.gap.verdict.diagnosis import diagnose
 from sealegs.gap.virtual.bench import LOADS, record
 
 from testbed import hidden_bench

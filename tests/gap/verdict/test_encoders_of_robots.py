@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.extended import Extended
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
+from sealegs.gap.measure.named import CERTAIN
 from sealegs.gap.output.robot_extension import of_robot, widened_range
+from sealegs.gap.prepare.frames import in_likely_frames
 from sealegs.gap.replay.tree import axis_of, motion_of, told_range
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.encoders import Encoder, corrected
-from sealegs.gap.verdict.frames import in_likely_frames
-from sealegs.gap.verdict.verdict import CERTAIN, JointDiagnosis
+from sealegs.gap.robot.encoders import Encoder, corrected
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
 from tests.logged_robots import robot, two_link_run

@@ -13,7 +13,7 @@ from sealegs.gap.load.robot import Frame
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.output.document import document_of, joints_of, read_document, write_document
 from sealegs.gap.output.extension import as_taken, write_extension
-from sealegs.gap.verdict.frames import in_likely_frames
+from sealegs.gap.prepare.frames import in_likely_frames
 from sealegs.gap.verdict.verdict import NOTHING, JointDiagnosis
 
 from testbed import arm

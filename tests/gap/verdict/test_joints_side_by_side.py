@@ -14,17 +14,17 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from sealegs.gap.finder.parallel import Said, side_by_side
 from sealegs.gap.fleet import Job, Outcome
 from sealegs.gap.fleet.run import in_processes
 from sealegs.gap.log import LogError
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.prepare.columns import chosen
+from sealegs.gap.prepare.request import Request
 from sealegs.gap.search.journal import keeping
-from sealegs.gap.verdict.columns import chosen
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.parallel import Said, side_by_side
 from sealegs.gap.verdict.refusal import refuse
-from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from tests.raising import raising

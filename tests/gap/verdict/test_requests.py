@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 from sealegs.common.bugs import Unforeseen
 from sealegs.common.errors import SealegsError
+from sealegs.gap.finder import diagnosis as way
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure.measured import Measured
+from sealegs.gap.measure.named import Error, NamedCause
+from sealegs.gap.prepare.request import Request
+from sealegs.gap.robot import judged as shared
+from sealegs.gap.robot.judged import with_robot
+from sealegs.gap.robot.search import ROBOT
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.shared import ROBOT
-from sealegs.gap.verdict import diagnosis as way
-from sealegs.gap.verdict import robot as shared
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.measure import Measured
 from sealegs.gap.verdict.refusal import refuse
-from sealegs.gap.verdict.request import Request
-from sealegs.gap.verdict.robot import with_robot
-from sealegs.gap.verdict.verdict import Error, JointDiagnosis, NamedCause
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed import hidden_hopper
 from tests.logged_robots import robot, two_link_run

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.gap.checks.stops import stops_of
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.resting import Resting, find_resting
 from sealegs.gap.log.parts import LEAST_FREE, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
-from sealegs.gap.verdict import resting
-from sealegs.gap.verdict.checking import check_log
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.resting import RESTS, without_rests
+from sealegs.gap.prepare import resting
+from sealegs.gap.prepare.checking import check_log
+from sealegs.gap.prepare.resting import RESTS, without_rests
 from sealegs.gap.verdict.verdict import NOTHING
 
 from benchmarks.robot_logs import DATA, so101

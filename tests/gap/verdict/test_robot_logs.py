@@ -20,13 +20,13 @@ from sealegs.gap.load.tree import ANGLE, Motion, least_payload, terms_along, tip
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun
+from sealegs.gap.measure.measured import whole_fit
+from sealegs.gap.prepare.pieces import cut_joint
+from sealegs.gap.prepare.whole_goals import with_whole_goals
 from sealegs.gap.replay.tree import held_terms, not_free
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search
 from sealegs.gap.search.windows import split
-from sealegs.gap.verdict.feed_forward import with_whole_goals
-from sealegs.gap.verdict.measure import whole_fit
-from sealegs.gap.verdict.pieces import cut_joint
 
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR

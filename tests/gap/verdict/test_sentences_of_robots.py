@@ -18,16 +18,17 @@ from sealegs.gap.load.efforts import predicted
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
+from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.output import next_step
 from sealegs.gap.output.terminal import screen
+from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import HELD
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.columns import chosen
 from sealegs.gap.verdict.decide import MOST_WORDS, decide
 from sealegs.gap.verdict.evidence import Replayed
-from sealegs.gap.verdict.verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, Error, JointDiagnosis, NamedCause, Reason
+from sealegs.gap.verdict.verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
 
 IDEAL: list[Any] = [{"ideal": {"stiffness": 20.0, "damping": 0.5}}]
 MOTION = 0.5 * np.sin(np.arange(0.0, 8.0, 0.01) * 3.0)

@@ -15,27 +15,17 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.measure.measured import rival_of
+from sealegs.gap.measure.named import Error
 from sealegs.gap.output.pictures.summary import budget_slices
 from sealegs.gap.output.robot_extension import shared_changes
+from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.replay.tree import motion_of
-from sealegs.gap.shared import ROBOT, affected
-from sealegs.gap.shared.directions import (
-    RATE,
-    Direction,
-    about_joints,
-    carries,
-    centres,
-    masses,
-    payload,
-    rows_of,
-    tilt,
-)
-from sealegs.gap.shared.search import helps_several
-from sealegs.gap.verdict.measure import rival_of
-from sealegs.gap.verdict.pieces import cut_joint
-from sealegs.gap.verdict.robot import beside_before
-from sealegs.gap.verdict.verdict import Error, JointDiagnosis
+from sealegs.gap.robot.directions import RATE, Direction, about_joints, carries, centres, masses, payload, rows_of, tilt
+from sealegs.gap.robot.judged import beside_before
+from sealegs.gap.robot.search import ROBOT, affected, helps_several
+from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
 from tests.logged_robots import JOINTS, robot, two_link_run

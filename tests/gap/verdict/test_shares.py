@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.reader import read_measured
+from sealegs.gap.measure.shares import Owed
 from sealegs.gap.output.pictures.summary import budget_slices
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.shares import Owed
 from sealegs.gap.virtual.bench import LOADS, record
 
 DELAY = 0.0225  # [s]

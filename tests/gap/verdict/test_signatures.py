@@ -11,13 +11,9 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
-from sealegs.gap.output.pictures import png
-from sealegs.gap.output.pictures.signatures import features
-from sealegs.gap.replay.free import FreeProblem, free_problem
-from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.decide import standing
-from sealegs.gap.verdict.recorded import recording_reasons
-from sealegs.gap.verdict.signatures import (
+from sealegs.gap.measure.confidence import standing
+from sealegs.gap.measure.named import CERTAIN, LIKELY, NamedCause, Value
+from sealegs.gap.measure.signatures import (
     AGREES,
     DISAGREES,
     FEATURES,
@@ -27,7 +23,11 @@ from sealegs.gap.verdict.signatures import (
     disagreeing,
     signatures,
 )
-from sealegs.gap.verdict.verdict import CERTAIN, LIKELY, NamedCause, Value
+from sealegs.gap.output.pictures import png
+from sealegs.gap.output.pictures.signatures import features
+from sealegs.gap.replay.free import FreeProblem, free_problem
+from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.verdict.recorded import recording_reasons
 
 from testbed import NOISE_FLOOR, hidden_bench
 from testbed.excitation import DEFAULT_SCHEDULES

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sealegs.gap.checks.torque_balance import REACHES, SYSTEMATIC, WINDOW, Shift
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
+from sealegs.gap.measure.named import CERTAIN, WITHDRAWN
+from sealegs.gap.prepare.request import Request
 from sealegs.gap.replay.parameters import TIGHT
 from sealegs.gap.search.settings import DEFAULT
-from sealegs.gap.verdict.diagnosis import diagnose
-from sealegs.gap.verdict.request import Request
 from sealegs.gap.verdict.torque import diagnose_torque
-from sealegs.gap.verdict.verdict import CERTAIN, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, WITHDRAWN, JointDiagnosis
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
 
 MASS, LENGTH = 0.5, 0.12  # [kg], [m]
 TONES = np.array([[0.7, 0.31], [0.4, 0.83], [0.15, 1.9]])  # [rad], [Hz]

@@ -21,9 +21,9 @@ from ...common.processes import cores, exit_with_parent
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
 from ..log.types import MeasuredRun
+from ..prepare.request import Request
 from ..search.journal import keeping, kept_at
-from .request import Request
-from .verdict import JointDiagnosis
+from ..verdict.verdict import JointDiagnosis
 
 WAITING = "OMP_WAIT_POLICY"
 LOST = (EOFError, OSError)

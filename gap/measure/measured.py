@@ -23,12 +23,11 @@ from ..search.settings import DEFAULT
 from ..search.sketch import coarsened, fit_from_sketch, most_iterations
 from ..search.structure import Structure, structure
 from .adrift import begun_fit, left_by
-from .decide import confidence, law_error, standing
-from .evidence import THRESHOLDS, Adrift
+from .confidence import THRESHOLDS, Adrift, confidence, law_error, standing
+from .named import Error, NamedCause, OpenCause, Value
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
 from .unseen import Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
-from .verdict import Error, NamedCause, OpenCause, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +251,7 @@ def unseen_in(
 
 @dataclass(frozen=True)
 class Led:
-    """A cause in the one run of many that showed it first, as of :func:`sealegs.gap.verdict.decide.confidence`.
+    """A cause in the one run of many that showed it first, as of :func:`sealegs.gap.measure.confidence.confidence`.
 
     Attributes:
         removed: loss per value that it removes there.
@@ -272,7 +271,7 @@ class Account:
     Attributes:
         explained: share of the nominal mean squared error beyond the noise.
         size: that error, in squares of the noise floor.
-        beyond: as of :func:`sealegs.gap.verdict.decide.confidence`.
+        beyond: as of :func:`sealegs.gap.measure.confidence.confidence`.
         numbers: that refitting turns, or their like: of a wrong one it must do as well.
         led: the same in the run that showed a cause first, by the cause's key.
     """

@@ -17,18 +17,19 @@ from ..load.terms import T_OWN, T_SIZE
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B
 from ..log.types import Array, JointLog, MeasuredRun
+from ..measure.confidence import THRESHOLDS, standing
+from ..measure.measured import Measured
+from ..prepare.request import Request
 from ..replay.joint_problem import JointProblem
 from ..replay.parameters import BAR, Parameter, absolute
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import fit, merge, middle
 from ..search.sketch import spread
-from ..shared import LOADS, RobotModel, RobotProblem, laid, rows_of, tilt
-from .decide import standing
-from .evidence import THRESHOLDS
-from .measure import Measured
-from .request import Request
-from .robot_joints import Again, Joints, joints_of
-from .verdict import JointDiagnosis
+from ..verdict.verdict import JointDiagnosis
+from .directions import rows_of, tilt
+from .joints import Again, Joints, joints_of
+from .problem import RobotModel, RobotProblem
+from .search import LOADS, laid
 
 ENCODERS = ("sensor.offset", "sensor.scale")
 TILT = "load.tilt"

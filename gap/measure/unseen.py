@@ -9,25 +9,27 @@ to the other: a test part alone may be the slow stretches of a chirp.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..checks.bootstrap import block_weights
-from ..log.parts import FIT_A, FIT_B
+from ..log.finding import Finding
+from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.parameters import Parameter, about
 from ..replay.problem import Nominal, Problem
 from ..search.delays import with_centred_times
 from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
 from ..search.result import Candidate, Search
+from ..search.settings import DEFAULT, SearchSettings
 from ..search.sketch import coarsened, most_iterations
 from ..search.structure import fine, told_in
-from .evidence import THRESHOLDS
+from .confidence import THRESHOLDS
+from .named import NEAR_MISS, WITHDRAWN, OpenCause
 from .shares import refitted
-from .verdict import NEAR_MISS, WITHDRAWN, OpenCause
-from .words import furthest
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,3 +316,55 @@ def refitted_numbers(wide: Sequence[Parameter], values: Mapping[str, float], kno
     ends = {p.number: (p.low, p.high) for p in known if p.relative}
     turned = [(p.number, values[p.path]) for p in wide if p.relative and p.path in values]
     return furthest([(name, factor) for name, factor in turned if not about(factor, *ends.get(name, (1.0, 1.0)))])
+
+
+def furthest(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
+    """Numbers with their factors, those that were turned furthest, for people."""
+    turned = sorted(factors, key=lambda row: -abs(math.log(max(row[1], 1e-9))))
+    return first(turned, most)
+
+
+def first(factors: Sequence[tuple[str, float]], most: int = 3) -> str:
+    """The first numbers of several with their factors, for people."""
+    return ", ".join(f"{number} x {factor:.3g}" for number, factor in factors[:most])
+
+
+def unseen_range(
+    problem: Problem, simulated: np.ndarray, joint: str, settings: SearchSettings = DEFAULT
+) -> Finding | None:
+    """Says so if only the test part reaches an angle, and the model is wrong in the pieces that do.
+
+    A stop that the joint meets there alone is neither found nor excluded by what was fitted.
+
+    Args:
+        problem: all parts, judged by position; of any other there is nothing to say.
+        simulated: columns of the extended model (n, 4).
+        joint: its name.
+        settings: of the search.
+    """
+    if problem.signal != ("position", "rad"):
+        return None
+    position = problem.measured[:, 0]
+    error = simulated[:, 0] - position
+    good = problem.judged & np.isfinite(error)
+    sizes = np.diff(problem.starts)
+    test = np.repeat([unit.part == TEST for unit in problem.units], sizes)
+    low, high = position[good & ~test].min(), position[good & ~test].max()
+    further = np.maximum(low - position, position - high)
+    out = good & test & (further > settings.further * (high - low))
+    piece = np.repeat(np.arange(len(sizes)), sizes)
+    beyond = np.isin(piece, piece[out])
+    if not out.any() or not (good & ~beyond).any():
+        return None
+    there, elsewhere = (float(np.sqrt(np.mean(error[rows] ** 2))) for rows in (good & beyond, good & ~beyond))
+    if there <= settings.worse_there * elsewhere:
+        return None
+    furthest = float(position[out][np.argmax(further[out])])
+    return Finding(
+        "test.beyond", "note", joint, None,
+        f"Only in the part kept for the test does '{joint}' go as far as {furthest:.2f} rad (what was fitted lies "
+        f"between {low:.2f} and {high:.2f}), and where it does the error is {1e3 * there:.1f} mrad, else "
+        f"{1e3 * elsewhere:.1f}. What happens out there, a stop for instance, cannot be learnt from these data: record "
+        "that motion three times.",
+        value=furthest,
+    )  # fmt: skip

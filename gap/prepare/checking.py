@@ -19,7 +19,7 @@ from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot, commanded
-from .feed_forward import TAKEN, with_whole_goals
+from .whole_goals import TAKEN, with_whole_goals
 
 MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
 TURNS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}

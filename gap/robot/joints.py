@@ -12,7 +12,7 @@ from ..replay.joint_problem import JointProblem
 from ..search.result import Search
 from ..search.settings import SearchSettings
 from ..search.windows import in_windows
-from .verdict import JointDiagnosis
+from ..verdict.verdict import JointDiagnosis
 
 Asked = Mapping[str, tuple[Sequence[Array] | None, Finding]]
 """Joints to be diagnosed again: what is added to their terms in each run, and the finding that says so."""

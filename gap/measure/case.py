@@ -6,40 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ..causes.cause import Cause
 from ..checks.stops import Stop
 from ..experiment import Along
 from ..log.finding import Finding
-from ..log.parts import Unit
-from ..log.types import MeasuredRun
-from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """One joint of a log, cut into parts.
-
-    Attributes:
-        runs, models: the runs and the nominal joint of each.
-        units: pieces of runs, each in one part.
-        noise: of a position sample [rad].
-        terms: what a joint of a robot works against in each run (samples, T_COLUMNS).
-        findings: about the robot.
-        along: as of :class:`Replay`.
-    """
-
-    joint: str
-    runs: Sequence[MeasuredRun]
-    models: Sequence[JointModel]
-    units: Sequence[Unit]
-    noise: float
-    terms: Sequence[np.ndarray] | None = None
-    findings: tuple[Finding, ...] = ()
-    along: Along | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ small errors of all of these look like a cause now and then, mostly like an iner
 not certain.
 
 A joint that follows torques has no goal that holds its replay near the log. What adds up there is counted as where no
-cause is sought (:mod:`sealegs.gap.verdict.adrift`).
+cause is sought (:mod:`sealegs.gap.measure.adrift`).
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 
 from ..search.result import Search
 from .case import Replay
-from .evidence import THRESHOLDS
-from .measure import Measured, is_of_robot, measure
+from .confidence import THRESHOLDS
+from .measured import Measured, is_of_robot, measure
+from .named import NEAR_MISS, OpenCause
 from .unseen import crossed_errors
-from .verdict import NEAR_MISS, OpenCause
 
 
 def measured_within_belief(replay: Replay, search: Search, joint: str, seed: int) -> tuple[Measured, Search]:

@@ -19,7 +19,7 @@ from ..replay.parameters import Parameter
 from ..replay.problem import OF_A_ROBOT
 from ..search.correlated import reading_error, shared
 from ..search.fit import Fit, fit
-from .evidence import Adrift
+from .confidence import Adrift
 
 READ_OVER = 0.03  # [s] over which the speed is read with which a piece begins
 FURTHEST = 3.0  # times their noise, by which a start may be read wrong

@@ -8,15 +8,16 @@ from dataclasses import replace
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
+from ..measure.confidence import THRESHOLDS
+from ..measure.measured import Measured, measure, whole_runs
+from ..prepare.request import Request
 from ..search.structure import listed, told_in
-from ..shared import ROBOT, SharedFound, affected, search_shared
-from .decide import decide
+from ..verdict.decide import decide
+from ..verdict.evidence import Replayed
+from ..verdict.verdict import JointDiagnosis, Reason, rivals_of
 from .encoders import ENCODERS, in_light
-from .evidence import THRESHOLDS, Replayed
-from .measure import Measured, measure, whole_runs
-from .request import Request
-from .robot_joints import Again, joints_of
-from .verdict import JointDiagnosis, Reason, rivals_of
+from .joints import Again, joints_of
+from .search import ROBOT, SharedFound, affected, search_shared
 
 NOT_NAMED = "robot.not_shared"
 SHARED = "robot.shared"

@@ -23,12 +23,28 @@ from ..load.robot import LoggedRobot, robot_of
 from ..log.finding import Finding
 from ..log.progress import Progress
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
+from ..measure.belief import measured_within_belief
+from ..measure.case import Case, Replay
+from ..measure.confidence import as_noise_allows
+from ..measure.measured import Measured, is_of_robot, measure, whole_runs
+from ..measure.named import WITHDRAWN
+from ..measure.shares import telling
+from ..measure.unseen import unseen_range
+from ..prepare.checking import check_log
+from ..prepare.columns import chosen, commanded
+from ..prepare.frames import DOUBTED, in_likely_frames
+from ..prepare.pieces import Cut, cut_joint, fit_runs, named_chain
+from ..prepare.request import Request
+from ..prepare.resting import without_rests
 from ..replay.driven import driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.joint_problem import converged
 from ..replay.reading import as_read
 from ..replay.tree import HELD
+from ..robot.encoders import beside_tilt
+from ..robot.joints import Asked
+from ..robot.judged import with_robot
 from ..search.channels import weigh_channels
 from ..search.delays import with_started_delays
 from ..search.forward import NUMERICAL, Searcher
@@ -36,27 +52,13 @@ from ..search.result import Search
 from ..search.seek import seek
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
-from .belief import measured_within_belief
-from .case import Case, Cut, Replay
-from .checking import check_log
-from .columns import chosen, commanded
-from .decide import decide
-from .encoders import beside_tilt
-from .evidence import Refused, Replayed, as_noise_allows
-from .frames import DOUBTED, in_likely_frames
-from .measure import Measured, is_of_robot, measure, whole_runs
+from ..verdict.decide import decide
+from ..verdict.evidence import Refused, Replayed
+from ..verdict.recorded import recording_reasons
+from ..verdict.refusal import refuse, refuse_divergence
+from ..verdict.torque import diagnose_torque
+from ..verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors, rivals_of
 from .parallel import side_by_side
-from .pieces import cut_joint, fit_runs, named_chain
-from .recorded import recording_reasons
-from .refusal import refuse, refuse_divergence
-from .request import Request
-from .resting import without_rests
-from .robot import with_robot
-from .robot_joints import Asked
-from .telling import telling
-from .torque import diagnose_torque
-from .unseen_range import unseen_range
-from .verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, WITHDRAWN, JointDiagnosis, data_errors, rivals_of
 
 LOGGER = logging.getLogger("sealegs")
 

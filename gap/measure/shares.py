@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B
+from ..replay.comparison import robust_loss
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..search.fit import Fit, merge
@@ -96,3 +97,17 @@ def owed_to(names: Sequence[str], loss: Loss, whole: float | None = None) -> Owe
     without = tuple(loss([other for other in names if other != name]) for name in names)
     untuned = loss(names, tuned=False)
     return Owed(tuple(max(value - whole, 0.0) for value in without), max(untuned - whole, 0.0), without)
+
+
+def telling(problem: Problem, values: Mapping[str, float], numbers: Sequence[Parameter]) -> dict[str, float]:
+    """Values of some numbers of a model by number, those first without which alone the loss rises most.
+
+    Args:
+        problem: all data.
+        values: of the model, by path.
+        numbers: to put in order; those that it does not have are left out.
+    """
+    found = [p for p in numbers if p.path in values]
+    without = [{path: value for path, value in values.items() if path != p.path} for p in found]
+    losses = [float(robust_loss(problem.residual(problem.simulate([row]))).mean()) for row in without]
+    return {found[k].number: values[found[k].path] for k in np.argsort(losses, kind="stable")[::-1]}

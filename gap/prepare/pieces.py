@@ -13,13 +13,14 @@ from ...actuators.chain import Chain, load_chain
 from ...common.errors import SealegsError
 from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
+from ..experiment import Along
 from ..load.pendulum import hung
 from ..load.robot import LoggedRobot, robot_of
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
 from ..log.gaps import between_gaps
-from ..log.parts import TEST, cut
+from ..log.parts import TEST, Unit, cut
 from ..log.types import Array, LogError, MeasuredRun
 from ..replay.flattened import flattened
 from ..replay.free import FreeProblem, free_problem
@@ -27,10 +28,32 @@ from ..replay.joint_model import JointModel
 from ..replay.scene import untouched
 from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_free, owned, terms_of, told_range
 from ..search.structure import fine
-from .case import Cut
 from .columns import commanded
 
 PRECISION = 1e-4  # of a joint's motion, to which no rigid model of a robot is right: assumed
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """One joint of a log, cut into parts.
+
+    Attributes:
+        runs, models: the runs and the nominal joint of each.
+        units: pieces of runs, each in one part.
+        noise: of a position sample [rad].
+        terms: what a joint of a robot works against in each run (samples, T_COLUMNS).
+        findings: about the robot.
+        along: as of :class:`Replay`.
+    """
+
+    joint: str
+    runs: Sequence[MeasuredRun]
+    models: Sequence[JointModel]
+    units: Sequence[Unit]
+    noise: float
+    terms: Sequence[np.ndarray] | None = None
+    findings: tuple[Finding, ...] = ()
+    along: Along | None = None
 
 
 def cut_joint(
