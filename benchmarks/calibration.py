@@ -25,7 +25,7 @@ SAME = {
 }
 """Names that one hidden number goes by: of an arm with one load, of a drive at its limit."""
 SURE, CERTAIN = 0.6, 0.9
-"""Thresholds of the verdict that are judged: ``sure`` and ``certain`` of `sealegs.gap.measure.confidence.Thresholds`."""
+"""Thresholds of the verdict that are judged: ``sure`` and ``certain`` of :mod:`sealegs.gap.measure.confidence`."""
 
 
 @dataclass(frozen=True)
