@@ -222,10 +222,10 @@ def test_stances_of_a_test_group_are_the_test_part_and_no_others() -> None:
 
 def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.MonkeyPatch) -> None:
     data, _ = recorded()
-    told: list[object] = []
+    told: dict[str, object] = {}
 
-    def ground(*arguments: object) -> str:
-        told.extend(arguments)
+    def ground(*arguments: object, **named: object) -> str:
+        told.update(named)
         return "there is no ground."
 
     monkeypatch.setattr("sealegs.gap.finder.diagnosis.search_ground", ground)
@@ -234,7 +234,7 @@ def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.Mo
         lambda runs, joint, *others: refuse(joint, Refused(f"'{joint}'", "it was left out.", usable=True)),
     )
     *_, found = diagnose(data, data.runs[1].name)
-    assert told[4] == data.runs[1].name
+    assert told["test_group"] == data.runs[1].name
     assert (found.joint, found.verdict, found.signal, found.unit) == (GROUND, NOT_IDENTIFIABLE, "base.z", "m")
     assert found.sentence == "Nothing can be said about the ground: there is no ground."
 

@@ -65,8 +65,8 @@ def test_a_bug_before_the_joints_leaves_them_their_diagnosis(monkeypatch: pytest
 def test_the_ground_is_sought_with_the_settings_that_were_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
-    def sought(*given: Any) -> str:
-        asked.extend(given)
+    def sought(*given: Any, **named: Any) -> str:
+        asked.extend([*given, *named.values()])
         return "it is only a test."
 
     monkeypatch.setattr(way, "diagnose_joint", not_diagnosed)
@@ -90,8 +90,8 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     problem = SimpleNamespace(units=(), signal=("position", "rad"))
     asked: list[Any] = []
 
-    def sought(*given: Any) -> Any:
-        asked.extend(given)
+    def sought(*given: Any, **named: Any) -> Any:
+        asked.extend([*given, *named.values()])
         return SimpleNamespace(
             search=search, problem=problem, rows={}, widespread=lambda: True, more=lambda joint, values: None
         )
