@@ -37,7 +37,7 @@ PAYLOAD_NEAR, BODY_NEAR = 0.15, 0.10
 
 def run(number: int, seed: int) -> dict[str, Any]:
     """Record and diagnose one machine, and judge the model that is handed over on a fresh motion."""
-    from sealegs.gap.verdict.diagnosis import diagnose
+    from sealegs.gap.finder.diagnosis import diagnose
 
     from testbed.logs import hidden_everyday
 
@@ -94,10 +94,10 @@ def _handed_over(case: Drawn, data: Any, found: Sequence[Any], folder: Path) -> 
     """Errors of each joint on a fresh motion, of the nominal model and of that which is handed over; and the masses of
     its bodies [kg].
     """
+    from sealegs.gap.finder.diagnosis import prepared
     from sealegs.gap.output.hand_over import hand_over
     from sealegs.gap.output.whole import confirm_whole
-    from sealegs.gap.verdict.diagnosis import prepared
-    from sealegs.gap.verdict.request import Request
+    from sealegs.gap.prepare.request import Request
 
     from testbed.logs import hidden_everyday
 
