@@ -19,7 +19,6 @@ from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
 from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Target, about, address
-from ..replay.problem import JointProblem
 from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
