@@ -14,15 +14,16 @@ from ...verdict.verdict import JointDiagnosis
 from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
 from .driven import passed_torque
 from .evidence import Evidence
+from .first_look import first_look
 from .friction import friction_against_speed, residual_against_load, residual_against_position
 from .ground import stance
 from .signatures import signature_pictures
-from .summary import budget, experiment, overview, rivals
+from .summary import experiment, overview, rivals
 from .transmission import error_since_reversal, hysteresis
 
 SUMMARIES: dict[str, Callable[[JointDiagnosis], Figure | None]] = {
+    "first_look": first_look,
     "overview": overview,
-    "budget": budget,
     "rivals": rivals,
     "experiment": experiment,
 }
@@ -84,7 +85,7 @@ def draw_all(diagnoses: Sequence[JointDiagnosis], folder: Path) -> dict[str, Pat
     """Draw every picture of a diagnosis into a folder that has none yet.
 
     Returns:
-        Paths by name of the picture (``overview``, ``budget``, ..., name of a cause); with several joints
+        Paths by name of the picture (``first_look``, ``overview``, ..., name of a cause); with several joints
         ``<joint>.<name>``.
 
     Raises:

@@ -1,8 +1,6 @@
-"""Pictures of a whole diagnosis: over time, as a budget, the candidates side by side, and the next experiment."""
+"""Pictures of a whole diagnosis: over time, the candidates side by side, and the next experiment."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,36 +8,30 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ...verdict.verdict import JointDiagnosis
-from ..numbers import percent
 from .style import (
     CAUSES,
     COLOURS,
     DASHES,
     NAMES,
-    NOISE,
-    SHARED,
     TEST_SHADE,
-    TUNED,
     UNEXPLAINED,
     figure,
-    legend_above,
     styled,
 )
-from .timeline import Timeline, fine, timeline, worst_window
+from .timeline import Timeline, fine, timeline
 
-MOMENT = 1.2  # [s] shown large
 BESIDE = "#c4c4c4"  # what is shown for comparison
 MOST_ROUNDS, MOST_CANDIDATES = 3, 7
 
 
 @styled
 def overview(diagnosis: JointDiagnosis) -> Figure | None:
-    """The whole log, the error of each model, and a moment of the test part; None where nothing was replayed."""
+    """The whole log and the error of each model; None where nothing was replayed."""
     line = timeline(diagnosis)
     if line is None:
         return None
-    chart = figure(9.0, 8.4)
-    whole, error, moment = chart.subplots(3, 1, height_ratios=(1.0, 1.0, 1.2))
+    chart = figure(9.0, 5.6)
+    whole, error = chart.subplots(2, 1)
     thin = line.thinned(12_000)
     _signals(whole, thin, 0.9)
     whole.set_ylabel(f"{line.quantity} [{line.unit}]")
@@ -66,88 +58,23 @@ def overview(diagnosis: JointDiagnosis) -> Figure | None:
     _shade(error, line)
     error.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.6)
 
-    start, stop = worst_window(line, min(MOMENT, float(line.x[-1] - line.x[0])))
-    inside = (line.x >= start) & (line.x <= stop)
-    _signals(moment, line.thinned(10**9), 1.6, inside)
-    moment.set_xlim(start, stop)
-    moment.set_ylabel(f"{line.quantity} [{line.unit}]")
-    moment.set_xlabel("time [s]: where the nominal model is most wrong in the test part")
     for axes in (whole, error):
         axes.set_xlim(line.x[0], line.x[-1])
     return chart
 
 
-def _signals(axes: Axes, line: Timeline, width: float, rows: np.ndarray | None = None) -> None:
-    at = slice(None) if rows is None else rows
+def _signals(axes: Axes, line: Timeline, width: float) -> None:
     if line.goal is not None:
-        axes.plot(line.x[at], line.goal[at], color="#9a9a9a", lw=0.8, ls="--", label="goal")
-    axes.plot(line.x[at], line.measured[at], color=COLOURS["measured"], lw=width + 0.8, label="measured")
+        axes.plot(line.x, line.goal, color="#9a9a9a", lw=0.8, ls="--", label="goal")
+    axes.plot(line.x, line.measured, color=COLOURS["measured"], lw=width + 0.8, label="measured")
     for name in ("nominal", "extended"):
         if name in line.models:
-            axes.plot(line.x[at], line.models[name][at], color=COLOURS[name], lw=width, label=NAMES[name])
+            axes.plot(line.x, line.models[name], color=COLOURS[name], lw=width, label=NAMES[name])
 
 
 def _shade(axes: Axes, line: Timeline) -> None:
     for start, stop in line.tested:
         axes.axvspan(start, stop, color=TEST_SHADE, lw=0.0, zorder=0)
-
-
-# --- budget --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Slice:
-    """A share of the nominal model's mean squared error, 0 to 1."""
-
-    label: str
-    share: float
-    colour: str
-    hatch: str = ""
-
-
-def budget_slices(diagnosis: JointDiagnosis) -> list[Slice]:
-    """The gap budget, which adds up to one: what the robot has, causes, tuned numbers, unexplained structure, noise."""
-    if "nominal" not in diagnosis.gap or "noise_floor" not in diagnosis.gap:
-        return []
-    nominal, floor = diagnosis.gap["nominal"].rmse, diagnosis.gap["noise_floor"].rmse
-    noise = min(floor**2 / max(nominal**2, 1e-30), 1.0)
-    causes = [cause for cause in diagnosis.causes if cause.share > 0.0]
-    slices = [Slice(cause.name, cause.share * (1.0 - noise), CAUSES[k % len(CAUSES)]) for k, cause in enumerate(causes)]
-    slices.insert(0, Slice("whole robot", diagnosis.shared_share * (1.0 - noise), SHARED))
-    slices.append(Slice("tuned numbers", diagnosis.tuned_share * (1.0 - noise), TUNED, ".."))
-    slices.append(Slice("unexplained structure", diagnosis.unexplained * (1.0 - noise), UNEXPLAINED, "//"))
-    slices.append(Slice("noise", noise, NOISE))
-    least = 5e-4 * sum(piece.share for piece in slices)
-    shown = [piece for piece in slices if piece.share > least]
-    total = sum(piece.share for piece in shown)
-    return [Slice(s.label, s.share / total, s.colour, s.hatch) for s in shown]
-
-
-@styled
-def budget(diagnosis: JointDiagnosis) -> Figure | None:
-    """The gap as one bar; None where there is no gap to split."""
-    slices = budget_slices(diagnosis)
-    if not slices:
-        return None
-    chart = figure(8.0, 2.1)
-    axes = chart.subplots()
-    left = 0.0
-    for piece in slices:
-        look = {"color": piece.colour, "hatch": piece.hatch, "edgecolor": "white", "lw": 1.2, "height": 0.7}
-        axes.barh(0.0, 100.0 * piece.share, left=left, label=f"{piece.label}  {percent(piece.share)}", **look)
-        if piece.share > 0.06:
-            ink = "black" if piece.colour in (NOISE, TUNED) else "white"
-            middle = left + 50.0 * piece.share
-            axes.text(middle, 0.0, percent(piece.share), ha="center", va="center", weight="bold", color=ink)
-        left += 100.0 * piece.share
-    axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(-0.45, 0.45)
-    axes.set_yticks([])
-    axes.grid(False)
-    axes.spines["left"].set_visible(False)
-    axes.set_xlabel("share of the nominal model's mean squared error [%]")
-    legend_above(axes, 3)
-    return chart
 
 
 # --- candidates and experiment -------------------------------------------------------------------------------------

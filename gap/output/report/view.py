@@ -27,8 +27,8 @@ from ..limits import LIMITS, limits_told
 from ..limits import rows as limit_rows
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
+from ..pictures.first_look import as_logged, first_look, in_words
 from ..pictures.signatures import told
-from ..pictures.summary import budget_slices
 from ..pictures.timeline import fine
 from ..terminal import doubts
 from .figures import excitation, signals
@@ -87,7 +87,7 @@ def page(
     robot: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Everything the template prints."""
-    joints = [_joint(diagnosis, changes, len(diagnoses)) for diagnosis in diagnoses]
+    joints = [_joint(diagnosis, data, changes, len(diagnoses)) for diagnosis in diagnoses]
     common = [doubt for doubt in joints[0]["doubts"] if all(doubt in joint["doubts"] for joint in joints[1:])]
     common = common if len(joints) > 1 else []
     for position, joint in enumerate(joints, start=1):
@@ -117,7 +117,9 @@ def _robot(found: Mapping[str, Any], diagnoses: Sequence[JointDiagnosis]) -> dic
     return {"reason": found.get("reason", ""), "rows": rows, "apart": ", ".join(apart), "said": said}
 
 
-def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | None, joints: int) -> dict[str, Any]:
+def _joint(
+    diagnosis: JointDiagnosis, data: MeasuredSet, changes: Sequence[Mapping[str, Any]] | None, joints: int
+) -> dict[str, Any]:
     plot = signals(diagnosis, joints)
     problem = diagnosis.problem
     chain = None if problem is None else problem.chain(diagnosis.values)
@@ -133,9 +135,9 @@ def _joint(diagnosis: JointDiagnosis, changes: Sequence[Mapping[str, Any]] | Non
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
         "refitted": diagnosis.refitted,
         "signal": diagnosis.signal,
+        "first_look": _first_look(diagnosis, data.runs),
         "gap": _gap(diagnosis),
         "plot": None if plot is None else {"html": plot[0], "moment": [round(t, 4) for t in plot[1]]},
-        "budget": _budget(diagnosis),
         "causes": _causes(diagnosis),
         "unexplained": percent(diagnosis.unexplained),
         "structure": "" if diagnosis.structure is None else glued(diagnosis.structure.sentence),
@@ -180,17 +182,19 @@ def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
     return {"unit": unit, "rows": rows}
 
 
-def _budget(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
-    return [
-        {
-            "label": piece.label,
-            "share": percent(piece.share),
-            "width": f"{100.0 * piece.share:.3f}",
-            "colour": piece.colour,
-            "hatch": bool(piece.hatch),
-        }
-        for piece in budget_slices(diagnosis)
-    ]
+def _first_look(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun]) -> dict[str, str] | None:
+    """The picture that the joint opens with, for a wide page and for a phone, and what it shows in words."""
+    found = [first_look(diagnosis, tall) for tall in (False, True)]
+    words, caption = in_words(diagnosis), ""
+    if None in found:
+        named = [run for run in runs if any(f.run == run.name for f in diagnosis.findings)]
+        run = next(iter(named or runs))
+        found = [as_logged(run, diagnosis, tall) for tall in (False, True)]
+        words = caption = "The log as it is; no model was compared with it."
+    wide, tall = (None if chart is None else _image(png(chart)) for chart in found)
+    if wide is None or tall is None:
+        return None
+    return {"wide": wide, "tall": tall, "words": words, "caption": caption}
 
 
 def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:

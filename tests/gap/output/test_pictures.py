@@ -14,7 +14,7 @@ from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, png
 from sealegs.gap.output.pictures.drive import UNITS, response
 from sealegs.gap.output.pictures.evidence import Evidence
-from sealegs.gap.output.pictures.summary import budget_slices
+from sealegs.gap.output.pictures.first_look import budget_slices, first_look
 from sealegs.gap.output.pictures.timeline import timeline, worst_window
 from sealegs.gap.output.pictures.transmission import way_since_reversal
 from sealegs.gap.verdict.verdict import JointDiagnosis
@@ -39,7 +39,7 @@ def named(name: str, picture: str, share: float = 0.5) -> NamedCause:
 @pytest.mark.long
 def test_every_picture_is_a_file_with_something_on_it(found: JointDiagnosis, tmp_path: Path) -> None:
     drawn = draw_all([found], tmp_path)
-    assert {"overview", "budget", "rivals", "friction.load_dependent"} <= drawn.keys()
+    assert {"first_look", "overview", "rivals", "friction.load_dependent"} <= drawn.keys()
     for path in drawn.values():
         image = imread(path)
         assert min(image.shape[:2]) > 250
@@ -55,7 +55,7 @@ def test_nothing_is_overwritten(found: JointDiagnosis, tmp_path: Path) -> None:
 
 def test_several_joints_do_not_share_files(found: JointDiagnosis, tmp_path: Path) -> None:
     drawn = draw_all([replace(found, joint="hip", problem=None), replace(found, joint="knee", problem=None)], tmp_path)
-    assert {"hip.budget", "knee.budget"} <= drawn.keys()
+    assert {"hip.rivals", "knee.rivals"} <= drawn.keys()
     assert len(set(drawn.values())) == len(drawn)
 
 
@@ -113,6 +113,42 @@ def test_the_budget_adds_up(found: JointDiagnosis) -> None:
     assert sum(piece.share for piece in slices) == pytest.approx(1.0)
     assert slices[0].label == "friction.load_dependent"
     assert slices[-1].label == "noise"
+
+
+def test_the_first_look_falls_from_the_nominal_error_to_what_is_left(found: JointDiagnosis) -> None:
+    chart = first_look(found)
+    assert chart is not None
+    (signals, errors), (fall,) = (part.axes for part in chart.subfigs)
+    drawn = {line.get_label() for line in signals.lines}
+    assert {"goal", "measured", "nominal model", "extended model"} <= drawn
+    low, high = errors.get_xlim()
+    assert high - low <= 1.2
+    rows = [label.get_text() for label in fall.get_yticklabels()]
+    assert (rows[0], rows[1]) == ("nominal model", "friction.load_dependent")
+    assert rows[-2:] == ["what is left", "noise of the reading"]
+    bars = [(round(bar.get_y() + 0.5 * bar.get_height()), bar.get_x(), bar.get_width()) for bar in fall.patches]
+    taken = [bar for bar in bars if 0 < bar[0] < len(rows) - 2]
+    left = sum(width for row, _, width in bars if row == len(rows) - 2)
+    assert 1.0 - sum(width for _, _, width in taken) == pytest.approx(left)
+    said = {text.get_text() for text in fall.texts}
+    assert f"{1e3 * found.gap['nominal'].rmse:#.3g} mrad" in said
+    assert any(text.startswith("\N{MINUS SIGN}") and text.endswith("% of the gap") for text in said)
+
+
+def test_a_model_that_was_handed_over_as_it_was_is_drawn_once(found: JointDiagnosis) -> None:
+    chart = first_look(replace(found, causes=(), model="nominal", unexplained=1.0, tuned_share=0.0))
+    assert chart is not None
+    assert "extended model" not in {line.get_label() for line in chart.subfigs[0].axes[0].lines}
+    rows = [label.get_text() for label in chart.subfigs[1].axes[0].get_yticklabels()]
+    assert rows == ["nominal model", "of it unexplained", "noise of the reading"]
+
+
+def test_many_causes_share_a_row(found: JointDiagnosis) -> None:
+    many = tuple(named(f"cause.{k}", "", 0.1) for k in range(9))
+    chart = first_look(replace(found, causes=many))
+    assert chart is not None
+    rows = [label.get_text() for label in chart.subfigs[1].axes[0].get_yticklabels()]
+    assert len(rows) <= 9 and any(row.endswith(" more") for row in rows)
 
 
 def test_a_gap_that_is_all_noise_is_shown_as_noise(found: JointDiagnosis) -> None:

@@ -37,7 +37,7 @@ QUIET = (
     "--disable-component-update",
     "--disable-sync",
 )
-VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta"}
+VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta", "source"}
 MOST_BYTES = 8_000_000
 
 
@@ -130,7 +130,7 @@ class Outline(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.addresses += [value for key, value in attrs if key in ("src", "href") and value]
+        self.addresses += [value for key, value in attrs if key in ("src", "srcset", "href") and value]
         if re.fullmatch("h[1-6]", tag):
             self.headings.append(int(tag[1]))
         if tag not in VOID:
@@ -307,14 +307,43 @@ def test_a_phone_never_scrolls_sideways(browser: Any, name: str, request: pytest
     view.tab.close()
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 900), (390, 844)])
-def test_sentence_and_causes_are_seen_without_scrolling(browser: Any, page: Path, width: int, height: int) -> None:
+@pytest.mark.parametrize(
+    ("width", "height", "parts"),
+    [(1280, 800, (".lead", ".first-look", ".causes")), (390, 844, (".lead", ".causes"))],
+)
+def test_sentence_picture_and_causes_are_seen_without_scrolling(
+    browser: Any, page: Path, width: int, height: int, parts: tuple[str, ...]
+) -> None:
     view = opened(browser, page, width, height)
     view.tab.evaluate(FOLD)
-    for part in (".lead", ".causes"):
+    for part in parts:
         box = view.tab.query_selector(part).bounding_box()
         assert box["y"] + box["height"] < height, part
     view.tab.close()
+
+
+@pytest.mark.parametrize(("width", "shape"), [(1280, "wide"), (390, "tall")])
+def test_each_joint_opens_with_a_picture_that_fits_the_screen(
+    browser: Any, rich_page: Path, width: int, shape: str
+) -> None:
+    """Everything to look at was folded away."""
+    view = opened(browser, rich_page, width)
+    view.tab.evaluate(FOLD)
+    sizes = view.tab.evaluate("[...document.querySelectorAll('.first-look img')].map(i => [i.naturalWidth, i.width])")
+    assert len(sizes) == 1  # of the others here, no log is at hand
+    (natural, drawn), *_ = sizes
+    assert (natural > 1200) == (shape == "wide") and drawn <= width
+    words = view.tab.evaluate("document.querySelector('.first-look img').alt")
+    assert "friction.load_dependent" in words and "noise" in words
+    view.tab.close()
+
+
+def test_a_refused_joint_opens_with_its_log(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
+    found, data = small
+    refused = replace(found, verdict=UNUSABLE, gap={}, causes=(), problem=None, search=None, simulated={})
+    html = write_report([refused], data, tmp_path / "report.html").read_text(encoding="utf-8")
+    assert 'class="first-look"' in html
+    assert "The log as it is; no model was compared with it." in Outline(html).text
 
 
 def test_what_is_read_first_stands_first(rich_page: Path) -> None:
