@@ -14,12 +14,10 @@ from .alike import inertia_room
 from .bounded import FLAT, nearest_within, root_of, solved
 from .delays import at_samples
 from .fit import Fit
+from .stamps import CLOCK, moved_by_late_columns, over_a_step, seconds_of
 from .torque_gauge import is_torque, room
 
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
-CLOCK = 0.03  # of a sample period: what all time stamps are late or early by
-STEP = 0.5  # of a sample period: either way, where a response that goes from sample to sample cannot tell times apart
-BESIDE = 1.2e-3  # of the range tried: that far from what is believed a wider interval stops, which the data exclude
 
 
 def intervals(
@@ -34,10 +32,10 @@ def intervals(
 
     Nuisance parameters move within their bounds: an armature that only its tolerance holds widens the interval of a
     load's inertia, exactly so (:mod:`.alike`). What the log leaves open of all torques together
-    (:mod:`.torque_gauge`) widens theirs. Two terms are added in quadrature: how far the fits of the two parts of
-    the data disagree, and the systematic error that all data share (calibration of the columns, clock of the log,
-    discretisation error). Where what is judged goes from sample to sample (:func:`.delays.at_samples`), a time is
-    not told more closely than half a sample either way.
+    (:mod:`.torque_gauge`) widens theirs. Three terms are added in quadrature: how far the fits of the two parts of
+    the data disagree, the systematic error that all data share (calibration of the columns, discretisation error), and
+    how far columns that are read a little late move a number (:mod:`.stamps`). Where what is judged goes from sample to
+    sample (:func:`.delays.at_samples`), a time is not told more closely than half a sample either way.
 
     Args:
         halves: fits of the same parameters to two parts of the data.
@@ -65,7 +63,11 @@ def intervals(
     weights = block_weights(count, draws, np.random.default_rng(seed))
     ridge = max(1e-9 * float(np.trace(curvature)), FLAT) * np.eye(len(u))
     rises = UNLIKELY * inflation(curvature + ridge, (weights - 1.0) @ scores)
-    lows, highs = _reach(u, scores.sum(axis=0), curvature + ridge, low, high, rises)
+    slope = scores.sum(axis=0)
+    lows, highs = _reach(u, slope, curvature + ridge, low, high, rises)
+    moved = moved_by_late_columns(
+        problem, found.values, found.simulated, jacobian * weight[:, None], curvature + ridge, (low - u, high - u)
+    )
     found_intervals = {}
     smaller, larger = room(problem, parameters, found.values)
     alike = inertia_room(problem, parameters, found.values, (smaller, larger))
@@ -75,34 +77,18 @@ def intervals(
         if is_torque(p):
             least, most = min(least, value * smaller, value * larger), max(most, value * smaller, value * larger)
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
-        shared = CLOCK * period if p.unit == "s" else problem.systematic_error(p.path) * abs(value)
-        wide = float(np.linalg.norm([0.5 * (most - least), max(values) - min(values) if values else 0.0, shared]))
+        second = seconds_of(p, problem)
+        shared = CLOCK * period / second if second else problem.systematic_error(p.path) * abs(value)
+        late = 0.5 * abs(p.from_fit(u[k] + moved[k]) - p.from_fit(u[k] - moved[k]))
+        apart = max(values) - min(values) if values else 0.0
+        wide = float(np.linalg.norm([0.5 * (most - least), apart, shared, late]))
         least, most = min(least, value - wide), max(most, value + wide)
         if p.path in alike:
             least, most = min(least, alike[p.path][0]), max(most, alike[p.path][1])
-        if p.unit == "s" and at_samples(problem):
-            least, most = _over_a_step(value, (least, most), period, p, p.neutral(problem.models[0]))
+        if second and at_samples(problem):
+            least, most = over_a_step(value, (least, most), period, p, p.neutral(problem.models[0]), second)
         found_intervals[p.path] = (max(least, p.low), min(most, p.high))
     return found_intervals
-
-
-def _over_a_step(
-    value: float, ends: tuple[float, float], period: float, parameter: Parameter, believed: float
-) -> tuple[float, float]:
-    """An interval of a time with half a sample either way, and with what the stamps of the log are late or early by.
-
-    A command that goes on between its samples, of a host that is faster than the log, is seen by the nearest sample,
-    where one that holds until the next is seen by the first after it: a delay may be half a sample longer for that.
-    What the data tell from the value themselves, the nominal model, stays outside.
-    """
-    below, above = STEP + CLOCK, STEP + CLOCK + (STEP if parameter.number == "delay.seconds" else 0.0)
-    least, most = min(ends[0], value - below * period), max(ends[1], value + above * period)
-    beside = BESIDE * (parameter.high - parameter.low)
-    if least <= believed + beside < ends[0]:
-        least = believed + beside
-    elif ends[1] < believed - beside <= most:
-        most = believed - beside
-    return least, most
 
 
 def inflation(curvature: np.ndarray, moves: np.ndarray) -> np.ndarray:
