@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..envs.any_robot.user import trained_in
 from .make_env import Actuator, make_vec_env
-from .policy_files import load_policy
+from .policy_files import load_policy, trained_env
 
 
 def mean_reward(
@@ -24,7 +23,7 @@ def mean_reward(
         task, trust: as of :func:`sealegs.agents.export.export_policy`.
     """
     act, description = load_policy(policy, trust)
-    env = make_vec_env(trained_in(description["env"], str(policy), task), actuator, episodes, seed)
+    env = make_vec_env(trained_env(description, policy, task), actuator, episodes, seed)
     observation, rewards = env.reset(), np.full(episodes, np.nan)
     while np.isnan(rewards).any():
         env.step_async(act(observation))

@@ -33,10 +33,9 @@ from ..common.errors import SealegsError
 from ..configs.check import checked
 from ..configs.compose import override, split
 from ..configs.script import run
-from ..envs.any_robot.user import trained_in
 from ..envs.contract import KEY, Contract, ContractError, make_contract
 from .action_pipeline import ActionPipeline
-from .policy_files import load_model, seen_as_trained
+from .policy_files import load_model, seen_as_trained, trained_env
 from .policy_graph import PolicyGraph
 from .traced import TracingError
 from .weights import FILE as WEIGHTS
@@ -66,7 +65,7 @@ def export_policy(folder: Path, out: Path | None = None, task: str | None = None
             file exists.
     """
     model, description = load_model(folder, trust)
-    description["env"] = trained_in(description["env"], str(folder), task)
+    description["env"] = trained_env(description, folder, task)
     written = write_onnx(folder / FILE if out is None else out, model, description)
     if not (folder / WEIGHTS).is_file():
         write_weights(folder, model)

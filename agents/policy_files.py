@@ -15,6 +15,9 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from ..common.documents import read_json
 from ..common.errors import SealegsError
+from ..configs.check import checked
+from ..envs.any_robot.user import trained_in
+from .make_env import checked_env
 from .weights import FILE, ZIP, UntrustedError, read_weights, read_zip, write_weights
 
 
@@ -106,6 +109,27 @@ def load_policy(folder: Path, trust: bool = False) -> tuple[Callable[[np.ndarray
         return model.predict(seen_by(observation), deterministic=True)[0]
 
     return act, description
+
+
+def trained_env(description: Mapping[str, Any], folder: Path, task: str | None) -> dict[str, Any]:
+    """The environment of a saved policy, checked.
+
+    Args:
+        description: of its ``policy.json``.
+        folder: that holds it.
+        task: as of :func:`sealegs.envs.any_robot.user.trained_in`.
+
+    Raises:
+        SealegsError: it is none, has no such argument, or is one of a file that nobody named.
+    """
+    where = folder / "policy.json"
+    try:
+        env = trained_in(checked("env", description["env"], dict), str(folder), task)
+        checked_env({**env, "id": checked("env.id", env.get("id"), str)})
+    except SealegsError as error:
+        said = str(error)
+        raise SealegsError(said if said.startswith(str(folder)) else f"{where}: {said}") from None
+    return env
 
 
 def seen_as_trained(description: Mapping[str, Any]) -> Callable[[np.ndarray], np.ndarray]:

@@ -24,11 +24,10 @@ from ..common.errors import SealegsError
 def main(arguments: list[str]) -> None:
     """Make the film that the command line asks for."""
     from ..agents.make_env import checked_env, make_single_env  # here, so that --help does not wait for torch
-    from ..agents.policy_files import load_policy
+    from ..agents.policy_files import load_policy, trained_env
     from ..agents.video import record_video
     from ..configs.check import Pixels, Positive, checked, checked_seed
     from ..configs.compose import compose, split
-    from ..envs.any_robot.user import trained_in
 
     config = compose("watch", split(arguments, plain=("policy", "actuator", "extended", "task", "out"), first="policy"))
     if config["policy"] is None:
@@ -38,7 +37,7 @@ def main(arguments: list[str]) -> None:
     width, height = (checked(key, config[key], Pixels) for key in ("width", "height"))
     task, trust = checked("task", config["task"], str | None), checked("trust", config["trust"], bool)
     act, description = load_policy(folder, trust)
-    stored = trained_in(checked("env", description["env"], dict), str(folder), task)
+    stored = trained_env(description, folder, task)
     changed = checked("env", config["env"], dict)
     numbers = [checked("env.params", env.get("params") or {}, dict) for env in (stored, changed)]
     actuator = description["actuators"] if config["actuator"] == "keep" else config["actuator"]

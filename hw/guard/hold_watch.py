@@ -80,9 +80,9 @@ class HoldWatch:
         if self._taken_over():
             return True
         if self._why is None and self._after.asked():
-            self._why = "asked to"
+            self._why = f"process {self._after.pid}, which watched them, was asked to end."
         if self._why is None and self._after.pressed():
-            self._why = "the emergency stop was pressed"
+            self._why = "the emergency stop was pressed."
         if self._why is None and self._ask_all():
             return True
         return self._why is not None and self._release()
@@ -115,6 +115,8 @@ class HoldWatch:
                 for one in held:
                     self._silent(one, error)
         if gone == len(self._lines) and not self._after.lasting:
+            self._after.note("gone", by="supervisor", reason="the virtual machine has ended")
+            self._after.say("The virtual machine has ended with its run, and with it the servos that were held.")
             return True
         everyone = [one for _, held in self._lines for one in held]
         if all(one.torque is False for one in everyone):

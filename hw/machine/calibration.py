@@ -85,6 +85,7 @@ def guide(
     line: Line = MAIN,
     names: Sequence[str] | None = None,
     gears: Mapping[str, float] | None = None,
+    port: str | None = None,
 ) -> list[Joint]:
     """Ask a person through the calibration of every joint on one bus.
 
@@ -100,6 +101,7 @@ def guide(
         line: the bus.
         names: of the joints on it; None: all of the robot.
         gears: how far a joint moves per radian of its servo, by pattern of names; 1 where none fits.
+        port: path of the bus, for what a person is to type; None: not known.
 
     Raises:
         CalibrationError: too few servos, or a range that cannot be reached.
@@ -127,13 +129,14 @@ def guide(
         number = _choose(bus, name, [n for n in ids if n not in [j.id for j in joints]], servo, ask, say)
         gear = gear_of(name, gears or {}) or 1.0
         found = _joint(
-            bus, name, number, limits=limits[name], servo=servo, ask=ask, say=say, per_radian=gear, unit=units[name]
-        )
+            bus, name, number, limits=limits[name], servo=servo, ask=ask, say=say, per_radian=gear, unit=units[name],
+            port=port,
+        )  # fmt: skip
         joints.append(replace(found, line=line))
         keep(joints)
     joints.sort(key=lambda joint: names.index(joint.name))
     if names == every:
-        check_joints(joints, robot, servo, params)
+        check_joints(joints, robot, servo, params, port)
     return joints
 
 
@@ -262,6 +265,7 @@ def _joint(
     say: Callable[[str], None],
     per_radian: float,
     unit: str,
+    port: str | None,
 ) -> Joint:
     step, needed = servo.step * per_radian, round(MOVED / servo.step)
     (low, high), digits = limits, 2 if unit == "rad" else 4
@@ -283,7 +287,7 @@ def _joint(
     shifts = servo.role("homing_offset")
     offset = None if shifts is None else bus.read_register(number, shifts)
     if np.abs(np.diff(steps)).max(initial=0) > SEAM * servo.steps:
-        raise CalibrationError(_over_the_seam(name, number, steps, servo, offset))
+        raise CalibrationError(_over_the_seam(name, number, steps, servo, offset, port))
     ends = sorted(direction * (float(edge) - zero) * step for edge in (steps.min(), steps.max()))
     low, high = ends[0] + INSIDE * per_radian, ends[1] - INSIDE * per_radian
     joint = Joint(
@@ -293,7 +297,9 @@ def _joint(
     return joint
 
 
-def _over_the_seam(name: str, number: int, steps: np.ndarray, servo: ServoModel, offset: int | None) -> str:
+def _over_the_seam(
+    name: str, number: int, steps: np.ndarray, servo: ServoModel, offset: int | None, port: str | None
+) -> str:
     """That a sweep went over the encoder's seam, and what helps: nothing where it went round by a whole turn."""
     seam = f"the encoder's seam (step 0 and {servo.steps - 1}), which the servo cannot cross"
     path = np.unwrap(steps, period=servo.steps)
@@ -302,7 +308,7 @@ def _over_the_seam(name: str, number: int, steps: np.ndarray, servo: ServoModel,
             f"joint {name} went round by {np.ptp(path) / servo.steps:.1f} turns and so over {seam}: in position mode a "
             "joint has less than one turn; calibrate it again, and move it only as far as it is to go."
         )
-    mend = homing(servo, number, float(path.min() + path.max()) / 2.0, offset)
+    mend = homing(servo, number, float(path.min() + path.max()) / 2.0, offset, port)
     return f"joint {name}: its range goes over {seam}; {mend}turn the horn by half a turn and calibrate again."
 
 
@@ -391,14 +397,15 @@ def main(arguments: list[str]) -> None:
             if not here:
                 continue
             rest = [joint for joint in joints if joint.name not in here]
-            model, port = line.model(servo), line.port if line.name else config["port"]
-            with ServoBus(str(port), line.baudrate or rate, model.name) as bus:
+            model, port = line.model(servo), str(line.port if line.name else config["port"])
+            with ServoBus(port, line.baudrate or rate, model.name) as bus:
                 mine = [joint for joint in joints if joint.name in here]
                 told = functools.partial(_with, rest, keep)
-                found = guide(bus, robot, model, params, done=mine, keep=told, line=line, names=here, gears=gears)
+                asked = {"line": line, "names": here, "gears": gears, "port": port}
+                found = guide(bus, robot, model, params, done=mine, keep=told, **asked)
             joints = [*rest, *found]
         joints.sort(key=lambda joint: names.index(joint.name))
-        check_joints(joints, robot, servo, params)
+        check_joints(joints, robot, servo, params, str(config["port"]))
         return joints
 
     joints = kept(partial, robot, work, servo, lines)

@@ -157,8 +157,17 @@ class Sensor:
         return self.line.address(self.id)
 
 
-def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, params: Mapping[str, float]) -> None:
+def check_joints(
+    joints: Sequence[Joint], robot: Robot, servo: ServoModel, params: Mapping[str, float], port: str | None = None
+) -> None:
     """Refuse joints that cannot be.
+
+    Args:
+        joints: of the robot.
+        robot: that has them.
+        servo: model on the first bus.
+        params: numbers of the robot other than its own.
+        port: path of the first bus; None: not known.
 
     Raises:
         CalibrationError: a joint is missing, unknown or doubled, two have one id, or a range cannot be reached.
@@ -192,7 +201,7 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
             raise CalibrationError(
                 f"joint {joint.name} has the range {joint.low} to {joint.high} {unit}, which is none."
             )
-        _check_reach(joint, model, unit)
+        _check_reach(joint, model, unit, joint.line.port if joint.line.name else port)
         low, high = limits[joint.name]
         if joint.high <= low or joint.low >= high:
             raise CalibrationError(
@@ -202,7 +211,7 @@ def check_joints(joints: Sequence[Joint], robot: Robot, servo: ServoModel, param
             )
 
 
-def _check_reach(joint: Joint, model: ServoModel, unit: str) -> None:
+def _check_reach(joint: Joint, model: ServoModel, unit: str, port: str | None) -> None:
     """Refuse a range that leaves the turn of the joint's encoder."""
     scale = joint.direction / (joint.per_radian * model.step)
     places = [joint.zero + scale * angle for angle in (joint.low, joint.high)]
@@ -217,12 +226,12 @@ def _check_reach(joint: Joint, model: ServoModel, unit: str) -> None:
             raise CalibrationError(
                 f"joint {joint.name} cannot reach {angle:.3f} {unit}: its encoder ends at step 0 and "
                 f"{model.steps - 1}, and that is step {place:.0f}; "
-                f"{homing(model, joint.id, sum(places) / 2.0, joint.homing_offset)}mount the horn so that the range "
-                "keeps clear of the encoder's seam, and calibrate again, or give a smaller range."
+                f"{homing(model, joint.id, sum(places) / 2.0, joint.homing_offset, port)}mount the horn so that the "
+                "range keeps clear of the encoder's seam, and calibrate again, or give a smaller range."
             )
 
 
-def homing(model: ServoModel, servo: int, middle: float, offset: int | None) -> str:
+def homing(model: ServoModel, servo: int, middle: float, offset: int | None, port: str | None) -> str:
     """The beginning of a sentence about a range over the seam: what moves the seam opposite to its ``middle`` [step].
 
     Args:
@@ -230,11 +239,13 @@ def homing(model: ServoModel, servo: int, middle: float, offset: int | None) -> 
         servo: id.
         middle: of the range, as the servo counts; over the seam it goes on.
         offset: homing offset with which it counts so; None: not known.
+        port: path of its bus; None: not known.
     """
     count = None if offset is None else model.centring(middle, offset)
     if count is None:
         return ""
-    return f"move the seam away ({model.setting(servo, {model.role('homing_offset') or '': count})}), or "
+    setting = model.setting(servo, {model.role("homing_offset") or "": count}, port or "<path>")
+    return f"move the seam away ({setting}), or "
 
 
 def nominal_joints(

@@ -67,8 +67,11 @@ class ServoRobot:
         belief: Mapping[str, Any],
         sensors: Sequence[Sensor] = (),
         registers: Mapping[str, int] | None = None,
+        port: str | None = None,
     ) -> None:
         """Put the parts together.
+
+        ``port`` is the path of the first bus, for what a person is to type; None: not known.
 
         Raises:
             CalibrationError: two joints have one id, or a joint has a range that its servo or the robot cannot reach.
@@ -78,7 +81,7 @@ class ServoRobot:
         self.belief, self.registers = dict(belief), dict(registers or {})
         self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
         check_position_goals(robot, self.chains, "a servo takes")
-        check_joints(self.joints, robot, servo, self.params)
+        check_joints(self.joints, robot, servo, self.params, port)
         self.ids = [joint.address for joint in self.joints]
         self.sensors = tuple(sensors)
         self.all_ids = [*self.ids, *(sensor.address for sensor in self.sensors)]
@@ -250,13 +253,16 @@ class ServoRobot:
         return ", ".join(rows) or "its code changed since"
 
 
-def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Path | None = None) -> ServoRobot:
+def build_robot(
+    config: Mapping[str, Any], actuator: Any = None, calibration: Path | None = None, port: str | None = None
+) -> ServoRobot:
     """The robot of a ``configs/robot`` file.
 
     Args:
         config: ``name``, ``params``, ``servo``, ``actuator``, ``gears``, ``sensors``, ``buses``.
         actuator: chain that the servos are taken for, in place of the file's.
         calibration: file; None: a machine built as drawn.
+        port: path of the first bus, for what a person is to type; None: not known.
 
     Raises:
         SealegsError: an unknown robot, servo or chain, or a calibration that does not fit.
@@ -276,7 +282,7 @@ def build_robot(config: Mapping[str, Any], actuator: Any = None, calibration: Pa
     quantities = BaseLayout(robot, params).names if sensed else ()
     sensors = read_sensors(sensed, joints, servo, lines, quantities)
     registers = set_up(table(config, "registers"), servo)
-    return ServoRobot(robot, params, servo, joints, chains, sensors, registers)
+    return ServoRobot(robot, params, servo, joints, chains, sensors, registers, port=port)
 
 
 def set_up(registers: Mapping[str, Any], servo: ServoModel) -> dict[str, int]:
@@ -293,13 +299,15 @@ def set_up(registers: Mapping[str, Any], servo: ServoModel) -> dict[str, int]:
     return {name: count for name, count in counts.items() if name in servo.registers}
 
 
-def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration: Path | None = None) -> ServoRobot:
+def extended_robot(
+    config: Mapping[str, Any], extended: str | Path, calibration: Path | None = None, port: str | None = None
+) -> ServoRobot:
     """The robot of a ``configs/robot`` file as a diagnosis found it: chains and numbers.
 
     Args:
         config: as in :func:`build_robot`; its ``params`` are what is believed.
         extended: folder of the diagnosis.
-        calibration: file; None: a machine built as drawn.
+        calibration, port: as there.
 
     Raises:
         SealegsError: as :func:`build_robot`, or the robot cannot take what was found.
@@ -308,7 +316,7 @@ def extended_robot(config: Mapping[str, Any], extended: str | Path, calibration:
     machine.check_log()
     params = {str(key): value for key, value in (config.get("params") or {}).items()}
     found = {**config, "params": machine.params_on(robot, params)}
-    return build_robot(found, machine.chains_on(robot), calibration)
+    return build_robot(found, machine.chains_on(robot), calibration, port)
 
 
 def _plain(chain: Any) -> str | list:

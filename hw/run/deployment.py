@@ -133,9 +133,9 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
         raise SealegsError(f"command= is what a policy is asked for; leave it out with {''.join(given[:1])}=.")
     calibration = calibration_of(config)
     if config["extended"] is None:
-        robot = build_robot(config["robot"], config["actuator"], calibration)
+        robot = build_robot(config["robot"], config["actuator"], calibration, config["port"])
     elif config["actuator"] is None:
-        robot = extended_robot(config["robot"], str(config["extended"]), calibration)
+        robot = extended_robot(config["robot"], str(config["extended"]), calibration, config["port"])
     else:
         raise SealegsError("actuator= and extended= both say which chain drives the robot; give one of them.")
     commands = _commands(given[0], config, robot) if source is None else source(robot)

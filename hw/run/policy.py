@@ -10,7 +10,6 @@ import functools
 import os
 import re
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,13 +19,13 @@ import onnxruntime
 from ...common.errors import SealegsError
 from ...envs.any_robot.user import trained_in
 from ...envs.contract import KEY, Contract, ContractError
+from .onnx_file import held_by
 
 FILE = "policy.onnx"
 SIZE = 64 << 20  # [byte] of a file; those of policies/ have 60 thousand
 MEMORY = 256 << 20  # [byte] that policies of a process may compute in
 TRIAL = 5.0  # [s] after which a first call is broken off
 AGAIN = "export the policy again"
-GRAPH, FUNCTIONS, BYTES = 7, 25, 2  # fields of a model in protobuf, and how a field of a length is marked
 MARK = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ")  # before what onnxruntime says is wrong
 TYPES = {"tensor(float)": "float32", "tensor(double)": "float64"}
 INPUTS = {"observation": "float32", "command": "float64", "state": "float64"}
@@ -198,11 +197,17 @@ def _session(path: Path) -> onnxruntime.InferenceSession:
     if len(data) > SIZE:
         raise ContractError(f"{path} is larger than {SIZE >> 20} MiB, which no policy is; give another file.")
     try:
-        fields = set(_fields(data))
+        held = held_by(data)
     except LookupError:
         raise ContractError(f"{path} is no ONNX file that can be read: it is damaged, or of another kind.") from None
-    if FUNCTIONS in fields:
+    if held.functions:
         raise ContractError(f"{path} holds functions of its own, whose size nothing bounds; {AGAIN}.")
+    if held.elsewhere:
+        raise ContractError(
+            f"{path} has weights in another file, and none is read beside it; export the policy as one file."
+        )
+    if held.text:
+        raise ContractError(f"{path} computes with text, whose memory nothing bounds; {AGAIN}.")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # microseconds of work: threads only add jitter
     options.log_severity_level = 4  # what is wrong is said in a sentence
@@ -212,7 +217,7 @@ def _session(path: Path) -> onnxruntime.InferenceSession:
     options.add_session_config_entry("session.use_env_allocators", "1")
     _bound_memory()
     try:
-        if GRAPH not in fields:
+        if not held.graph:
             raise ValueError("it has no graph.")
         # constants are computed in the trial call, which can be broken off, and not as the file is loaded
         return onnxruntime.InferenceSession(
@@ -229,28 +234,3 @@ def _bound_memory() -> None:
     memory = onnxruntime.OrtMemoryInfo("Cpu", kinds[0], 0, kinds[1])
     grows_as_needed = {"max_mem": MEMORY, "arena_extend_strategy": 1}
     onnxruntime.create_and_register_allocator(memory, onnxruntime.OrtArenaCfg(grows_as_needed))
-
-
-def _fields(data: bytes) -> Iterator[int]:
-    """Numbers of the fields of a message in protobuf.
-
-    Raises:
-        LookupError: it breaks off, or is none.
-    """
-    at = 0
-
-    def number() -> int:
-        nonlocal at
-        value = 0
-        for shift in range(0, 64, 7):
-            value, at = value | (data[at] & 0x7F) << shift, at + 1
-            if data[at - 1] < 0x80:
-                return value
-        raise LookupError
-
-    while at < len(data):
-        key = number() & 0xFFFFFFFF
-        yield key >> 3
-        kind = key & 7
-        size = number() if kind in (0, BYTES) else 0
-        at += {0: 0, 1: 8, BYTES: size, 5: 4}[kind]

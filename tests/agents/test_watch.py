@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import shutil
 from pathlib import Path
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.agents import export
 from sealegs.agents.make_env import make_single_env
 from sealegs.agents.video import record_video
 from sealegs.commands import train, watch
@@ -91,6 +94,22 @@ def test_a_machine_that_cannot_draw_is_told_what_films_need(
     errors = capsys.readouterr().err
     assert "no display. Films need OpenGL" in errors and errors.count("\n") == 1
     assert not list(policy.parent.glob("*blind*"))
+
+
+def test_an_argument_that_the_saved_environment_does_not_have_is_told_with_its_file(
+    policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It said that there is no argument 'sped', and not where."""
+    folder = tmp_path / "policy"
+    shutil.copytree(policy, folder)
+    description = json.loads((folder / "policy.json").read_text())
+    description["env"]["sped"] = 1
+    (folder / "policy.json").write_text(json.dumps(description))
+    (folder / "policy.onnx").unlink(missing_ok=True)
+    for main, argument in ((watch.main, f"policy={folder}"), (export.main, str(folder))):
+        assert run(main, "watch", "", [argument]) == 2
+        errors = capsys.readouterr().err
+        assert f"{folder / 'policy.json'}: env.sped is not an argument of" in errors and errors.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -145,9 +145,10 @@ def test_a_range_over_the_encoders_seam_is_refused(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("sealegs.hw.machine.calibration.PERIOD", 0.0)
     hand = Hand([{1: 3900}, {1: 4000}, {1: [3900, 4000, 4090, 5, 90, 200]}], {1: 3900})
     with pytest.raises(CalibrationError, match="seam") as refusal:
-        calibrated(hand, BENCH)
+        guide(hand, BENCH, SERVO, {}, hand.ask, hand.said.append, port="/dev/ttyUSB3")
     # the middle, step 4098, is at 4115 without the offset of 17; 2067 of them leave it at 2048, or -2029 the other way
-    assert "servo=sts3215 id=1 set=homing_offset:-2029), or turn the horn by half a turn" in str(refusal.value)
+    typed = "sealegs scan port=/dev/ttyUSB3 servo=sts3215 id=1 set=homing_offset:-2029"
+    assert f"move the seam away ({typed}), or turn the horn by half a turn" in str(refusal.value)
 
 
 def test_a_joint_that_goes_all_the_way_round_is_refused_for_what_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,7 +164,8 @@ def test_a_joint_that_goes_all_the_way_round_is_refused_for_what_it_is(monkeypat
 def test_the_homing_offset_that_is_named_brings_the_range_clear_of_the_seam() -> None:
     over = joints(knee={"zero": 3800, "homing_offset": 17})
     with pytest.raises(CalibrationError, match=r"set=homing_offset:(-?\d+)\), or mount") as refusal:
-        check_joints(over, HOPPER, SERVO, {})
+        check_joints(over, HOPPER, SERVO, {}, "/dev/ttyUSB3")
+    assert "sealegs scan port=/dev/ttyUSB3 servo=sts3215 id=2 set=" in str(refusal.value)
     offset = int(re.search(r"homing_offset:(-?\d+)", str(refusal.value))[1])  # type: ignore[index]
     again = (3800 + 17 - offset) % 4096  # where the zero is then
     check_joints(joints(knee={"zero": again, "homing_offset": offset}), HOPPER, SERVO, {})

@@ -488,7 +488,7 @@ def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str,
             return
         virtual.fault("overheat") if how == "fault" else os.kill(holder, signal.SIGTERM)
         wait_until(lambda: not virtual.status()["servos"]["1"]["torque"] and events.is_file())
-        assert ("hotter" if how == "fault" else "asked to") in events.read_text()
+        assert ("hotter" if how == "fault" else "was asked to end.") in events.read_text()
 
 
 # --- emergency stop ----------------------------------------------------------------------------------------------

@@ -273,11 +273,63 @@ HUGE = replaced(
 )
 
 
+def words(kind: str) -> Change:
+    """Text that is made, whose memory is outside of what policies may compute in."""
+    text = helper.make_tensor("text", TensorProto.STRING, [1], [b"x" * 1000])
+    made = {
+        "cast": node("Cast", "was", output="text", to=TensorProto.STRING),
+        "constant": node("Constant", output="text", value=text),
+        "value": node("Constant", output="text", value_strings=["x" * 1000]),
+        "labels": helper.make_node(
+            "LabelEncoder", ["none"], ["text"], domain="ai.onnx.ml", keys_int64s=[0], values_strings=["x" * 1000]
+        ),
+    }
+    nodes = [
+        node("Mul", "command", "zero", output="zeros"),
+        node("Cast", "zeros", output="none", to=TensorProto.INT64),
+        *([made[kind]] if kind in made else []),
+        node("Expand", "text", "many", output="all"),
+        node("Shape", "all", output="size"),
+        node("Cast", "size", output="one", to=DOUBLE),
+        node("Add", "was", "one", output="goal"),
+    ]
+    change = replaced("goal", *nodes, zero=np.float64(0.0), many=np.array([300]))
+
+    def changed_graph(model: onnx.ModelProto) -> None:
+        model.opset_import.append(helper.make_operatorsetid("ai.onnx.ml", 2))
+        change(model)
+        if kind == "weight":
+            model.graph.initializer.append(text)
+
+    return changed_graph
+
+
+@pytest.mark.parametrize("kind", ["cast", "constant", "value", "labels", "weight"])
+def test_a_policy_that_computes_with_text_is_refused(kind: str, good: Path, tmp_path: Path) -> None:
+    """What text takes is not within the memory that policies may compute in."""
+    assert "computes with text, whose memory nothing bounds" in refusal(changed(good, tmp_path, words(kind)))
+
+
+def nested(depth: int) -> onnx.GraphProto:
+    """Graphs within graphs."""
+    graph = onnx.GraphProto()
+    for _ in range(depth):
+        outer = onnx.GraphProto()
+        outer.node.append(helper.make_node("If", ["x"], ["y"], then_branch=graph))
+        graph = outer
+    return graph
+
+
+def test_graphs_that_are_nested_without_an_end_are_no_policy(good: Path, tmp_path: Path) -> None:
+    path = changed(good, tmp_path, lambda model: model.graph.CopyFrom(nested(25)))
+    assert "no ONNX file that can be read: it is damaged, or of another kind" in refusal(path)
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
         (HUGE, "broke off"),
-        (elsewhere, "no ONNX file that can be read"),
+        (elsewhere, "has weights in another file, and none is read beside it; export the policy as one file."),
         (functions, "holds functions of its own"),
         (foreign, "no ONNX file that can be read"),
     ],

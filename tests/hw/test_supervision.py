@@ -318,7 +318,28 @@ def test_an_emergency_stop_releases_servos_that_are_held() -> None:
     assert not looked_at(left, 1.0)
     left.pressed = True
     assert looked_at(left, 0.3) and left.simulation.torque == [False] * 4
-    assert left.said == ["The servos that were held are released: the emergency stop was pressed"]
+    assert left.said == ["The servos that were held are released: the emergency stop was pressed."]
+
+
+def test_servos_that_are_released_because_somebody_asked_are_told_in_a_sentence() -> None:
+    """It read "are released: asked to"."""
+    left = Left()
+    left.asked = 1
+    assert looked_at(left, 0.3) and left.simulation.torque == [False] * 4
+    pid = left.after.pid
+    assert left.said == [
+        f"The servos that were held are released: process {pid}, which watched them, was asked to end."
+    ]
+
+
+def test_virtual_servos_that_are_held_and_end_with_their_run_are_told() -> None:
+    """After `kill -9` they were gone 5 s later, and nothing said so."""
+    away: list[Exception | None] = [None]
+    left = Left(lambda count: away[0], lasting=False)
+    assert not looked_at(left, 1.0)
+    away[0] = GONE
+    assert looked_at(left, 1.0)
+    assert left.said == ["The virtual machine has ended with its run, and with it the servos that were held."]
 
 
 def test_being_asked_twice_ends_a_watch_that_cannot_release() -> None:

@@ -103,7 +103,7 @@ def test_after_a_kill_the_servos_are_held_where_that_is_configured(virtual: Virt
     assert [read_events(tmp_path / "run.csv")[-1]["release"]] == release, errors
     subprocess.run(release[0], shell=True, check=True)
     wait_until(lambda: not any(torque(virtual)))
-    wait_until(lambda: read_events(tmp_path / "run.csv")[-1].get("why") == "asked to")
+    wait_until(lambda: read_events(tmp_path / "run.csv")[-1].get("why", "").endswith("was asked to end."))
 
 
 @pytest.mark.long
