@@ -16,7 +16,7 @@ from sealegs.gap.virtual.bench import record
 
 FOLDER = Path(__file__).resolve().parents[1] / "pictures"
 HIDDEN = {"friction.load": 0.13, "delay.seconds": 0.015}
-SCREEN = {"width": 1280, "height": 800}
+WIDTH, HEIGHT = 1280, 800
 
 
 def photograph(page: Path, picture: Path) -> None:
@@ -24,7 +24,7 @@ def photograph(page: Path, picture: Path) -> None:
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        tab = browser.new_page(viewport=SCREEN)
+        tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         tab.goto(page.as_uri())
         tab.screenshot(path=picture)
         browser.close()

@@ -275,7 +275,7 @@ HUGE = replaced(
 
 def words(kind: str) -> Change:
     """Text that is made, whose memory is outside of what policies may compute in."""
-    text = helper.make_tensor("text", TensorProto.STRING, [1], [b"x" * 1000])
+    text = numpy_helper.from_array(np.array(["x" * 1000], object), "text")
     made = {
         "cast": node("Cast", "was", output="text", to=TensorProto.STRING),
         "constant": node("Constant", output="text", value=text),

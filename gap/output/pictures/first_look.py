@@ -69,9 +69,9 @@ def first_look(diagnosis: JointDiagnosis, tall: bool = False) -> Figure | None:
         return None
     chart = figure(*(TALL if tall else WIDE))
     if tall:
-        above, beside = chart.subfigures(2, 1, height_ratios=(1.35, 1.0))
+        above, beside = chart.subfigures(2, 1, squeeze=False, height_ratios=(1.35, 1.0)).flat
     else:
-        above, beside = chart.subfigures(1, 2, width_ratios=(1.25, 1.0))
+        above, beside = chart.subfigures(1, 2, squeeze=False, width_ratios=(1.25, 1.0)).flat
     signals, errors = above.subplots(2, 1, sharex=True, height_ratios=(1.5, 1.0))
     over_time(signals, errors, line, diagnosis)
     legend_above(signals, 2 if tall else 4)

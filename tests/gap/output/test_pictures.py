@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib import rcParams
 from matplotlib.image import imread
+from matplotlib.patches import Rectangle
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, png
@@ -126,7 +127,8 @@ def test_the_first_look_falls_from_the_nominal_error_to_what_is_left(found: Join
     rows = [label.get_text() for label in fall.get_yticklabels()]
     assert (rows[0], rows[1]) == ("nominal model", "friction.load_dependent")
     assert rows[-2:] == ["what is left", "noise of the reading"]
-    bars = [(round(bar.get_y() + 0.5 * bar.get_height()), bar.get_x(), bar.get_width()) for bar in fall.patches]
+    rectangles = [bar for bar in fall.patches if isinstance(bar, Rectangle)]
+    bars = [(round(bar.get_y() + 0.5 * bar.get_height()), bar.get_x(), bar.get_width()) for bar in rectangles]
     taken = [bar for bar in bars if 0 < bar[0] < len(rows) - 2]
     left = sum(width for row, _, width in bars if row == len(rows) - 2)
     assert 1.0 - sum(width for _, _, width in taken) == pytest.approx(left)

@@ -32,7 +32,7 @@ def test_columns_that_are_read_a_little_late_widen_the_intervals_of_delay_and_vi
 @pytest.mark.long
 def test_intervals_of_delay_and_viscous_friction_hold_the_truth() -> None:
     seeds = range(1, 9)
-    inside = dict.fromkeys(ASKED, 0)
+    inside: dict[str, int] = dict.fromkeys(ASKED, 0)
     for seed in seeds:
         for name, (true, value) in true_and_fitted(seed).items():
             inside[name] += value.low < true < value.high
