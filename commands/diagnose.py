@@ -1,6 +1,7 @@
 """Explain a gap: find from measured logs what the simulation gets wrong, name the cause, and extend the model by it.
 
     sealegs diagnose log=logs/today out=diagnosis
+    sealegs diagnose log=logs/today look=true           only a first look, in seconds; nothing is written
     sealegs diagnose log=logs/xl330 test=kp400          keep the runs of that group for the final measurement
     sealegs diagnose log=logs/fleet fleet=true          a folder of logs for each servo, and a table over all of them
     sealegs train extended=diagnosis                    train on the extended model
@@ -44,7 +45,9 @@ def main(arguments: list[str]) -> None:
     numbers = (config[key] for key in ("seed", "limits", "speed_limit"))
     names = ([config[key]] if isinstance(config[key], str) else config[key] for key in ("causes", "joints"))
     settings = checked_settings(test, *numbers, *names)
-    if values["fleet"]:
+    if values["look"]:
+        look(log, settings)
+    elif values["fleet"]:
         out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
         with alone(out, inner=""):
             diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
@@ -59,6 +62,7 @@ def _checked(config: Mapping[str, Any]) -> dict[str, Any]:
     types: dict[str, tuple[Any, str]] = {
         "fleet": (Literal[True, False, "ray"], "true (this machine), ray (a Ray cluster) or false"),
         "workers": (or_null(Count), "a whole number from 1"),
+        "look": (bool, "true or false"),
     }
     return {
         key: checked(key, config[key], kind, f"{key}={config[key]} must be {words}.")
@@ -111,6 +115,22 @@ def diagnose_one(
         begin = f" A motion to begin with: {' ; '.join(commands)}" if commands else ""
         raise SealegsError(f"{why} The findings are in {out}; give another out= for the next try.{begin}")
     for line in screen(diagnosis.joints, written, console.width, logs):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def look(log: Path, settings: Mapping[str, Any]) -> None:
+    """Print what each joint of a data set shows at first sight."""
+    from rich.console import Console
+
+    from ..gap.checks.long import read_bounded
+    from ..gap.finder.diagnosis import first_look
+    from ..gap.output.look import lines_of
+    from ..gap.prepare.request import Request
+
+    console = Console()
+    with console.status("looking"):
+        found = first_look(read_bounded(log), Request(seed=settings["seed"], causes=settings["causes"]))
+    for line in lines_of(found):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

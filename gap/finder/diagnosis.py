@@ -45,6 +45,7 @@ from ..replay.tree import HELD
 from ..robot.encoders import beside_tilt
 from ..robot.joints import Asked
 from ..robot.judged import with_robot
+from ..robot.together import FirstLook, beside_latency, look_at, seek_latency, with_latency
 from ..search.channels import weigh_channels
 from ..search.delays import with_started_delays
 from ..search.forward import NUMERICAL, Searcher
@@ -108,6 +109,10 @@ def diagnose(
         with apart(what, errors):  # without it, the model's frames and all samples count
             runs, more = step(runs, progress, test_group)
             findings = [*findings, *more]
+    if only is None:
+        with apart("a latency that joints share", errors):  # without it, each joint has one of its own
+            seen = partial(_replay_of, runs, findings=findings, request=request)
+            request = replace(request, latency=seek_latency(joints, seen, request))
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done, errors)
     whole = len(found) == len(joints)  # what joints share and the ground under them need all of them
     if only is None and whole and on_ground(runs):
@@ -120,9 +125,12 @@ def diagnose(
             for joint in found:
                 if all(joint is not other for other in before):  # of the robot, or judged again
                     done(joint)
+    named = with_latency(found, request.latency)
+    for joint in named[len(found) :]:
+        done(joint)
     if errors:
-        raise Unforeseen(errors, found)
-    return found
+        raise Unforeseen(errors, named)
+    return named
 
 
 def _with_robot(
@@ -203,17 +211,35 @@ def diagnose_joint(
     """
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     runs = [with_believed_load(run) for run in runs]
-    commands = [getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command")]
-    if all(command is None for command in commands):  # without commands, only its torque can be judged
+    if not _is_commanded(runs, joint):  # only its torque can be judged
         return diagnose_torque(runs, joint, mine, request)
     pieces = cut_joint(runs, joint, request.test_group, more)
     replay = _replay(pieces, request, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
     if isinstance(replay, Refused):
         return refuse(joint, replay, (*mine, *pieces.findings))
+    if (shared := request.latency) is not None:
+        wide, tuned = (shared.numbers_of(joint, numbers) for numbers in (replay.wide, replay.tuned))
+        replay = replace(replay, wide=wide, tuned=tuned, causes=shared.causes_of(joint, replay.causes))
     search = _search(replay, request)
     request.progress("measuring the gain on runs that nothing has seen")
     case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint), runs[0].meta.get("frames"))
-    return conclude(case, replay, search, request)
+    return beside_latency(conclude(case, replay, search, request), shared)
+
+
+def _is_commanded(runs: Sequence[MeasuredRun], joint: str) -> bool:
+    commands = (getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command"))
+    return any(command is not None for command in commands)
+
+
+def _replay_of(
+    runs: Sequence[MeasuredRun], joint: str, *, findings: Sequence[Finding], request: Request
+) -> Replay | Refused | None:
+    """The replay of a joint; None where it has no commands."""
+    if not _is_commanded(runs, joint):
+        return None
+    pieces = cut_joint([with_believed_load(run) for run in runs], joint, request.test_group, None)
+    before_goal = any(f.code == "columns.before_goal" and f.joint in (joint, None, "") for f in findings)
+    return _replay(pieces, request, before_goal=before_goal)
 
 
 def prepared(data: MeasuredSet, joint: str, request: Request) -> Replay:
@@ -222,17 +248,37 @@ def prepared(data: MeasuredSet, joint: str, request: Request) -> Replay:
     Raises:
         SealegsError: it cannot be replayed; the sentence says why.
     """
+    runs, findings = _mended(data, request)
+    replay = _replay_of(runs, joint, findings=findings, request=request)
+    if replay is None:
+        raise SealegsError(f"'{joint}' has no command that could be replayed.")
+    if isinstance(replay, Refused):
+        raise SealegsError(f"{replay.subject} cannot be replayed: {replay.reason}")
+    return replay
+
+
+def first_look(data: MeasuredSet, request: Request) -> FirstLook:
+    """What each joint of a data set shows at first sight, and the latency that they share; nothing is searched.
+
+    Raises:
+        SealegsError: the log cannot be used, or no joint of it can be replayed.
+    """
+    runs, findings = _mended(data, request)
+    joints = chosen(commanded(runs), None)
+    found = look_at(joints, partial(_replay_of, runs, findings=findings, request=request), request)
+    if not found.joints:
+        raise SealegsError("No joint can be replayed freely, so there is nothing to look at; diagnose says why.")
+    return found
+
+
+def _mended(data: MeasuredSet, request: Request) -> tuple[Sequence[MeasuredRun], Sequence[Finding]]:
+    """Runs whose faults are mended, and what was found of the log."""
     data, findings, stop = check_log(data, request.progress)
     if stop is not None:
         raise SealegsError(stop.sentence)
     runs, _ = in_likely_frames(data.runs, request.progress, request.test_group)
     runs, _ = without_rests(runs, request.progress, request.test_group)
-    pieces = cut_joint([with_believed_load(run) for run in runs], joint, request.test_group, None)
-    before_goal = any(f.code == "columns.before_goal" and f.joint in (joint, None, "") for f in findings)
-    replay = _replay(pieces, request, before_goal=before_goal)
-    if isinstance(replay, Refused):
-        raise SealegsError(f"{replay.subject} cannot be replayed: {replay.reason}")
-    return replay
+    return runs, findings
 
 
 def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:

@@ -18,9 +18,10 @@ from ..replay.problem import Nominal, Problem
 from ..search.alike import with_alike
 from ..search.fit import Fit, fit, middle
 from ..search.led import of_run
+from ..search.refit import refit
 from ..search.result import Search
 from ..search.settings import DEFAULT
-from ..search.sketch import coarsened, fit_from_sketch, most_iterations
+from ..search.sketch import coarsened, most_iterations
 from ..search.structure import Structure, structure
 from .adrift import begun_fit, left_by
 from .confidence import THRESHOLDS, Adrift, confidence, law_error, standing
@@ -83,8 +84,8 @@ def measure(
     """
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     evaluations = most_iterations(fitted, search.settings)
-    refitted = fit_from_sketch(fitted, wide, None, search.settings)
     model = effective(fitting, search, seed)
+    refitted = refit(fitted, wide, (model.fitted.values,), search.settings)
     if problem.open_loop and len(fitting.units) > len(problem.units):  # sought in windows, judged on whole pieces
         most = search.settings.iterations
         refitted = whole_fit(problem, wide, refitted, most)

@@ -50,6 +50,7 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     nominal = diagnosis.problem.models[0]
     named = {cause.name for cause in diagnosis.causes}
     owner = {p.path: c.cause.name for c in diagnosis.search.accepted if c.cause.name in named for p in c.variant}
+    owner |= diagnosis.shared
     joint = diagnosis.problem.joint
     tight = [] if joint is None else adjustable(joint.models[0])
     ends = {p.path: (p.low, p.high) for p in tight if p.relative}
@@ -124,7 +125,7 @@ def _owner(number: str) -> Owner:
 
 def believed_still(diagnosis: JointDiagnosis, taken: Taken) -> bool:
     """Whether a joint stays as it was believed."""
-    return diagnosis.problem is None or (taken == "named" and not diagnosis.causes)
+    return diagnosis.problem is None or (taken == "named" and not (diagnosis.causes or diagnosis.shared))
 
 
 def _believed(joint: str, runs: Sequence[MeasuredRun], robot: LoggedRobot | None) -> Chain | None:

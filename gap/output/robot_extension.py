@@ -109,6 +109,7 @@ def shared_changes(robot: LoggedRobot, found: JointDiagnosis) -> list[Change]:
     return [
         Change(part, known[number].effect, known[number].neutral, value, owner.get(number, ""), "robot")
         for number, value in found.values.items()
+        if number in known
         for part in known[number].parts
     ]
 

@@ -124,7 +124,7 @@ def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> Joi
         causes=tuple(replace(cause, share=cause.share * kept) for cause in now.causes),
         tuned_share=now.tuned_share * kept,
         unexplained=now.unexplained * kept,
-        shared_share=1.0 - kept,
+        shared_share=1.0 - kept + now.shared_share * kept,
         reasons=(Reason("shared", taken), *now.reasons) if kept < 1.0 else now.reasons,
     )
 

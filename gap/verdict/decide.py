@@ -7,11 +7,13 @@ the order in which they apply:
 2. no cause, no structure in the residual: nothing to explain; not identifiable where the motion would hide causes;
 3. no cause, but structure, or causes that unseen data refuted: not identifiable (a joint of a robot at the noise may
    have slight structure, of the bodies beside it, and one that no goal holds what adds up in its replay);
-4. a rival beside a cause of low confidence: partly explained where another cause is certain; else not identifiable
+4. no cause is sure, and together they do less than what has no name beside them: that comes first, and not
+   identifiable;
+5. a rival beside a cause of low confidence: partly explained where another cause is certain; else not identifiable
    (the largest cause, or no structure is left);
-5. structure is left and the causes remove little, or none is more than a guess: not identifiable;
-6. no structure is left, or little beside certain causes: explained; else partly explained;
-7. in either case, a joint that hardly moves: not identifiable.
+6. structure is left and the causes remove little, or none is more than a guess: not identifiable;
+7. no structure is left, or little beside certain causes: explained; else partly explained;
+8. in either case, a joint that hardly moves: not identifiable.
 """
 
 from __future__ import annotations
@@ -221,6 +223,8 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     certain = [cause for cause in causes if cause.standing == CERTAIN]
     if doubtful and certain and not found.still:
         return _beside(found, certain, doubtful[0])
+    if all(cause.confidence < limit.sure for cause in causes) and _named(found) < max(_numbers(found), found.left):
+        return _outweighed(found)
     if doubtful and (doubtful[0] is causes[0] or not noticed):
         return _rivalled(found, doubtful[0])
     removed = found.removed
@@ -241,6 +245,35 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     )
     still = Reason("still", "But the joint hardly moves, so other causes may do as well.")
     return Verdict(NOT_IDENTIFIABLE, sentence, (*verdict.reasons, still))
+
+
+def _named(found: Replayed) -> float:
+    """Share of the gap that the causes are said to explain."""
+    return sum(cause.share for cause in found.causes)
+
+
+def _numbers(found: Replayed) -> float:
+    """Share of the gap that numbers of the model do beside the causes."""
+    return 1.0 - found.left - _named(found)
+
+
+def _outweighed(found: Replayed) -> Verdict:
+    """What has no name does more than all that has one, and is told before it."""
+    numbers = "Refitted numbers" if found.beside else "Tuned numbers"
+    what, share = (f"{numbers} explain", _numbers(found))
+    if found.left >= share:
+        what, share = "No known cause explains", found.left
+    sentence = (
+        f"{what} {100.0 * share:.0f} % of the gap of '{found.joint}' (error {fall(found)}); "
+        f"perhaps {subject(found.causes)} {100.0 * _named(found):.0f} % ({certainty(found.causes)})."
+    )
+    why = f"With {listed([cause.name for cause in found.causes])} the error falls {change(found)}."
+    reasons = [Reason("outweighed", why)]
+    if found.structure.noticed:
+        reasons.append(Reason("structure", found.structure.sentence))
+    if any(cause.rivals for cause in found.causes):
+        reasons.append(Reason("rivals", also(found.causes)))
+    return Verdict(NOT_IDENTIFIABLE, sentence, tuple(reasons))
 
 
 def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause) -> Verdict:

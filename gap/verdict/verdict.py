@@ -89,6 +89,7 @@ class JointDiagnosis:
         unexplained: share of the nominal model's mean squared error beyond the noise that stays.
         tuned_share: share of it that the final model owes to its tuned numbers.
         shared_share: of a joint of a robot, the share that what was found of the whole robot takes away.
+        shared: causes of all joints, by the number of this joint's chain that each of them changes.
         values: of all parameters of the extended model, by path; a ``*`` marks a factor.
         simulated: channels of the models over the whole problem, by model name (n, 4).
         structure: what is left of the position error that is not noise.
@@ -121,6 +122,7 @@ class JointDiagnosis:
     data_errors: tuple[DataError, ...] = ()
     tuned_share: float = 0.0
     shared_share: float = 0.0
+    shared: Mapping[str, str] = field(default_factory=dict)
     open_causes: tuple[OpenCause, ...] = ()
     model: str = "extended"
     limits: tuple[DetectionLimit, ...] = ()
