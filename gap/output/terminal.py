@@ -73,6 +73,8 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
         longest = max(len(cause.name) for cause in diagnosis.causes)
         for cause in diagnosis.causes:
             yield from _cause(cause, longest, width)
+        if diagnosis.shared:
+            yield from _wrapped(f"{'all joints':{longest}s}  {_share(diagnosis.shared_share)}", width, 2)
         if diagnosis.tuned_share >= 5e-4:
             name = "refitted numbers" if diagnosis.refitted else "tuned numbers"
             yield from _wrapped(f"{name:{longest}s}  {_share(diagnosis.tuned_share)}", width, 2)
