@@ -45,8 +45,9 @@ class TrackEnv(SingleEnv, task=TrackTask):
 
     ## Starting State
     The robot is at rest on the trajectory, with uniform noise of $\pm$ `start_noise` times half of each joint's range.
-    Trajectories are centred on the robot's start, but at least a quarter of the range from its ends. Amplitudes,
-    frequencies and phases are uniform; the two amplitudes add up to at most `amplitude` times a quarter of the range.
+    Trajectories are centred on the robot's start, but at least a quarter of the range from its ends, or on the start as
+    it is of a robot with a `height`. Amplitudes, frequencies and phases are uniform; the two amplitudes add up to at most
+    `amplitude` times a quarter of the range, or times the distance to its nearer end.
     Then `randomization` is drawn.
 
     ## Episode End

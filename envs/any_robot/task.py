@@ -63,11 +63,22 @@ class AnyRobotTask(Task):
 
     @property
     def centre(self) -> np.ndarray:
-        """Where motions are about (k,) [rad or m]: the robot's start, at least a quarter of the range from its ends."""
+        """Where motions are about (k,) [rad or m]: the robot's start, at least a quarter of the range from its ends.
+
+        One that stands on its legs keeps its start as it is.
+        """
         low, high = self._ends()
         start = self.robot.start
         own = [start.get(name, 0.5 * (a + b)) for name, a, b in zip(self.names, low, high, strict=True)]
-        return np.clip(own, low + 0.25 * (high - low), high - 0.25 * (high - low))
+        file = self.robot.file
+        aside = 0.25 * (high - low) if file is None or file.height is None else 0.0
+        return np.clip(own, low + aside, high - aside)
+
+    @property
+    def room(self) -> np.ndarray:
+        """How far motions about the centre may go (k,) [rad or m]: a quarter of the range, or to its nearer end."""
+        low, high = self._ends()
+        return np.minimum(0.5 * self.half, np.minimum(self.centre - low, high - self.centre))
 
     def _ends(self) -> tuple[np.ndarray, np.ndarray]:
         limits = self.robot.limits

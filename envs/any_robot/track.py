@@ -42,8 +42,7 @@ class TrackTask(AnyRobotTask):
         parts = []
         for wave in range(WAVES):
             size, rate, phase = (drawn[:, :, len(FIELDS) * wave + k] for k in range(len(FIELDS)))
-            # half of the range lies between the centre and the nearer end, and the waves share it
-            parts.append(self.amplitude * 0.5 * self.half / WAVES * (0.5 + 0.5 * size))
+            parts.append(self.amplitude * self.room / WAVES * (0.5 + 0.5 * size))  # the waves share it
             parts.append(low + (high - low) * rate)
             parts.append(2.0 * math.pi * phase)
         return columns(parts)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import mujoco
 
 from ...actuators import DrivenCoordinate
+from ..engine.numbers import Number
 from ..engine.robot import Robot
-from .robot_described import RobotFile
+from .robot_described import FLOOR_FRICTION, RobotFile
 from .robot_numbers import model_effects, model_numbers
 
 
@@ -18,16 +19,19 @@ def as_robot(file: RobotFile) -> Robot:
     singles = {item.name: item.joint for item in file.joints if item.terms == ((item.joint, 1.0),)}
     limits = {item.name: item.range for item in file.joints}
     driven = {name for item in file.joints for name, _ in item.terms}
+    known = model_numbers(file.model, list(singles.values()), file.timestep)
+    if file.floor is not None:
+        known[FLOOR_FRICTION] = Number(file.floor.friction, "-", f"{file.path.name}: floor", 0.0, 10.0)
     return Robot(
         name=file.name,
-        numbers=model_numbers(file.model, list(singles.values()), file.timestep),
+        numbers=known,
         coordinates=tuple(DrivenCoordinate(item.name, item.terms) for item in file.joints),
         goal_limits=_Limits(limits),
         chains={item.name: item.chain for item in file.joints},
         build=file.build,
         effects=model_effects(file.model, singles),
         start={item.name: item.start for item in file.joints},
-        pose={label: place for label, place in file.model.pose.items() if label[0] not in driven},
+        pose={label: place for label, place in file.model.pose.items() if label[0] not in driven} | file.at_height(),
         units={item.name: item.unit for item in file.joints if item.unit != "rad"},
         file=file,
     )

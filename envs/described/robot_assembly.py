@@ -19,7 +19,7 @@ from .model_file import ModelFile, read_model
 from .robot_assumed import FULL_FORCE, goal_range, ideal_servo, reduction_note
 from .robot_choice import chosen, none_to_drive, passive_sentence
 from .robot_described import LIMIT, SAME, FileJoint, RobotFile, stated, states, with_owned
-from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, JointEntry, Owner, ServoEntry
+from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, FloorEntry, JointEntry, Owner, ServoEntry
 from .robot_step import SHORTEST, feeble, said_again, settled
 from .robot_within import check_limits, check_within
 
@@ -78,8 +78,14 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
     if entry.joints is not None and left:
         said.append(f"{model.path.name}: the actuators {', '.join(left)} drive nothing here and are left out.")
     base: Literal["fixed", "free"] = entry.base or ("free" if model.free else "fixed")
-    if base == "free" and not model.floor:
-        said.append(f"{model.path.name} has no floor: a robot with a free base falls for ever.")
+    floor = _floor(path, model, entry)
+    if base == "free" and not model.floor and floor is None:
+        said.append(
+            f"{model.path.name} has no floor: a robot with a free base falls for ever; give it one with "
+            "floor: {friction: 1.0}."
+        )
+    if entry.height is not None and base == "fixed":
+        raise RobotError(f"{path}: height is where a free base starts, and this base is fixed; leave one of them out.")
     if base == "free" and not model.root:
         raise RobotError(f"{path}: base is free, but the joints {', '.join(entries)} hang on the world itself.")
     if base == "free" and not model.free and any(joint.body == model.root for joint in model.joints.values()):
@@ -94,6 +100,9 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         integrator=entry.integrator or "RK4",
         deploy=entry.deploy,
         said=(),
+        floor=floor,
+        height=entry.height,
+        exclude=_excluded(path, model, entry),
     )
     if entry.timestep is None:
         robot, why = settled(robot, entry.integrator)
@@ -108,6 +117,32 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         if (phrase := feeble(joint, FULL_FORCE * (joint.range[1] - joint.range[0])))
     ]
     return replace(robot, said=tuple(said))
+
+
+def _floor(path: Path, model: ModelFile, entry: FileEntry) -> FloorEntry | None:
+    """The floor that the YAML adds."""
+    if entry.floor is None:
+        return None
+    floor = checked_fields("floor", entry.floor, FloorEntry)
+    if model.floor:
+        raise RobotError(f"{path}: {model.path.name} has a floor of its own; leave floor out.")
+    if not 0.0 <= floor.friction <= 10.0:
+        raise RobotError(f"{path}: floor.friction is {floor.friction:g}; it must lie between 0 and 10.")
+    return floor
+
+
+def _excluded(path: Path, model: ModelFile, entry: FileEntry) -> tuple[tuple[str, str], ...]:
+    """The pairs of bodies that never touch."""
+    known = {body.name for body in model.spec().bodies[1:]}
+    found = []
+    for pair in entry.exclude:
+        if len(pair) != 2:
+            raise RobotError(f"{path}: exclude holds {pair}; give pairs of bodies, such as [trunk, calf].")
+        for name in pair:
+            if name not in known:
+                raise RobotError(f"{path}: exclude: {model.path.name} has no body '{name}'{nearest(name, known)}.")
+        found.append((pair[0], pair[1]))
+    return tuple(found)
 
 
 def _usual_step(model: ModelFile) -> float:

@@ -22,9 +22,11 @@ from ...actuators import Chain
 from ...actuators.stages import build_stage
 from ...actuators.stages.controller import UNLIMITED
 from ...common.errors import nearest
+from ..engine.model_poses import Label, numbers
 from ..engine.numbers import RobotError
+from ..engine.scene import TILE, add_scene, add_sun
 from .model_file import UNITS, ModelFile
-from .robot_entries import Owner, ServoEntry
+from .robot_entries import FloorEntry, Owner, ServoEntry
 from .robot_numbers import apply_numbers
 
 LIMIT = "actuatorfrcrange"
@@ -35,6 +37,9 @@ OWNED = {
     LIMIT: "torque_limit.limit",
 }
 """What model file and chain can both hold, and what it is called in a chain; an ideal servo has a limit of its own."""
+FLOOR_FRICTION = "floor_friction"
+"""Number of a robot whose YAML gives it a floor."""
+TALL = 2.5  # times the height of its base: rough size of a robot on legs, for light and camera
 SAME = 1e-6  # of a number: what differs by less is the same
 
 HINGES = {"range_margin": 0.15, "speed": 15.0}
@@ -113,6 +118,9 @@ class RobotFile:
         model: its model file.
         joints: driven coordinates, in the order of goals.
         base: fixed to the ground, or free.
+        floor: that is added to the model; None: there is what the model has.
+        height: of a free base at the start of an episode [m]; None: the keyframe's, or the model's.
+        exclude: pairs of bodies that never touch.
         timestep: of the simulation [s].
         integrator: of the engine.
         deploy: what deployment needs beyond joints: servo, sensors, rest, park, safety.
@@ -128,6 +136,9 @@ class RobotFile:
     integrator: str
     deploy: Mapping[str, Any]
     said: tuple[str, ...]
+    floor: FloorEntry | None = None
+    height: float | None = None
+    exclude: tuple[tuple[str, str], ...] = ()
 
     @property
     def coupled(self) -> dict[str, str]:
@@ -140,7 +151,8 @@ class RobotFile:
     def digest(self) -> str:
         """Of model, driven coordinates and engine, to tell two robots apart."""
         rows = [[item.name, item.terms, item.range] for item in self.joints]
-        document = [self.model.digest, self.base, self.integrator, rows]
+        floor = [] if self.floor is None else ["floor"]  # its friction is a number of the robot
+        document = [self.model.digest, self.base, self.integrator, rows, *floor, *self.exclude]
         return hashlib.sha256(json.dumps(document).encode()).hexdigest()[:16]
 
     def joint(self, name: str) -> FileJoint:
@@ -187,7 +199,29 @@ class RobotFile:
             joint.armature, joint.frictionloss, joint.damping = 0.0, 0.0, 0.0 * np.asarray(joint.damping)
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         apply_numbers(spec, self.model, values)
+        for one, other in self.exclude:
+            spec.add_exclude(bodyname1=one, bodyname2=other)
+        if self.floor is not None:
+            reach = TALL * (self.height or 0.2)
+            floor = add_scene(spec, values[FLOOR_FRICTION], reach=reach)
+            floor.rgba = (*TILE, 1.0)  # MuJoCo leaves the textures of a URDF out
+            if self.model.root:
+                add_sun(spec.body(self.model.root), reach)
         return spec
+
+    def at_height(self) -> dict[Label, tuple[float, ...]]:
+        """The free base at the height where episodes start, turned as the model has it."""
+        if self.height is None:
+            return {}
+        spec = self.model.spec()
+        if not self.model.free:
+            _set_base(spec, self.model.root, "free")
+        model = spec.compile()
+        first = int(model.body_jntadr[model.body(self.model.root).id])
+        label = next(label for label, number in numbers(model).items() if number == first)
+        at = int(model.jnt_qposadr[first])
+        own = self.model.pose.get(label, tuple(float(value) for value in model.qpos0[at : at + 7]))
+        return {label: (*own[:2], self.height, *own[3:])}
 
 
 def _set_base(spec: mujoco.MjSpec, root: str, base: str) -> None:

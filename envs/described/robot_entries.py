@@ -58,6 +58,17 @@ class JointEntry:
 
 
 @dataclass(frozen=True)
+class FloorEntry:
+    """A level floor at height 0, under a robot whose model file has none.
+
+    Attributes:
+        friction: coefficient of sliding [-]; assumed: rubber on wood.
+    """
+
+    friction: float = 1.0
+
+
+@dataclass(frozen=True)
 class FileEntry:
     """What the YAML says of the robot.
 
@@ -66,6 +77,9 @@ class FileEntry:
         joints: by driven coordinate; None: those that the model's actuators drive, else all.
         name: of the robot; None: that of the YAML.
         base: fixed to the ground, or free; None: as in the model.
+        floor: under it; None: that of the model, or none.
+        height: of a free base at the start of an episode [m]; None: the keyframe's, or the model's.
+        exclude: pairs of bodies that never touch, such as shapes of a file that lie within each other.
         timestep: of the simulation [s]; None: 2 ms, the model's where it is shorter, or what is stable.
         integrator: of the engine; None: RK4, or what is stable.
         deploy: what ``configs/robot`` holds of built-in robots: servo, sensors, rest, park, safety.
@@ -75,6 +89,9 @@ class FileEntry:
     joints: dict[str, Any] | None = None
     name: str | None = None
     base: Literal["fixed", "free"] | None = None
+    floor: dict[str, Any] | None = None
+    height: float | None = None
+    exclude: list[list[str]] = field(default_factory=list)
     timestep: float | None = None
     integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] | None = None
     deploy: dict[str, Any] = field(default_factory=dict)

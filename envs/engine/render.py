@@ -70,6 +70,8 @@ class Scene:
         model, data, camera = self._model, self._data, self._camera
         if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)) < 0:
             mujoco.mjv_defaultFreeCamera(model, camera)  # of a model file: the view that it asks for
+            if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
+                camera.lookat[:2] = data.subtree_com[int(model.jnt_bodyid[0])][:2]
             return camera
         where = data.subtree_com[0][0] if model.cam_mode[number] else 0.0
         at = self._centre.get(simulation, where)

@@ -8,7 +8,8 @@ FLOOR = "floor"
 CAMERA = "track"
 
 _SKY_TOP, _SKY_BOTTOM = (0.62, 0.74, 0.86), (0.95, 0.96, 0.97)
-_TILE_DARK, _TILE_LIGHT, _TILE_EDGE = (0.80, 0.82, 0.84), (0.88, 0.89, 0.90), (0.72, 0.74, 0.77)
+TILE = (0.88, 0.89, 0.90)
+_TILE_DARK, _TILE_EDGE = (0.80, 0.82, 0.84), (0.72, 0.74, 0.77)
 
 
 def add_sun(body: mujoco.MjsBody, reach: float) -> None:
@@ -65,7 +66,7 @@ def add_scene(spec: mujoco.MjSpec, friction: float = 1.0, tile: float = 0.1, rea
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
         mark=mujoco.mjtMark.mjMARK_EDGE,
-        rgb1=_TILE_LIGHT,
+        rgb1=TILE,
         rgb2=_TILE_DARK,
         markrgb=_TILE_EDGE,
         width=512,

@@ -26,6 +26,7 @@ from ..described.robot_file import load_robot_file
 from ..engine.numbers import RobotError
 from .robot_names import in_yaml, name_note
 from .robot_trial import steady
+from .stance import on_legs
 
 HEAD = """\
 # Robot {name}, written from {model} by sealegs new-robot; edit what is wrong.
@@ -34,7 +35,7 @@ HEAD = """\
 # model file's, which then takes the chain's place. They are never added.
 model: {path}   # MJCF or URDF, relative to this file
 base: {base}   # fixed to the ground, or free
-timestep: {timestep:.10g}   # of the simulation [s]
+{ground}timestep: {timestep:.10g}   # of the simulation [s]
 integrator: {integrator}   # RK4, Euler, implicit or implicitfast
 joints:   # that servos drive, in the order of goals
 """
@@ -124,7 +125,7 @@ def robot_yaml(
         rows[name]["belt"] = belt
     path = os.path.relpath(model.resolve(), out.resolve().parent)
     try:
-        robot = steady(assembled(out.resolve(), FileEntry(path, joints=rows)))
+        robot = steady(on_legs(assembled(out.resolve(), FileEntry(path, joints=rows))))
     except SealegsError as error:
         raise RobotError(str(error).replace(f"{out.resolve()}: ", f"{model}: ")) from None  # there is no such file yet
     head = HEAD.format(
@@ -132,6 +133,7 @@ def robot_yaml(
         model=model.name,
         path=in_yaml(path),
         base=robot.base,
+        ground=_ground(robot),
         timestep=robot.timestep,
         integrator=robot.integrator,
     )
@@ -154,6 +156,20 @@ def robot_yaml(
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed)), said
+
+
+def _ground(robot: RobotFile) -> str:
+    """What a robot on legs stands on, and how."""
+    lines = []
+    if robot.floor is not None:
+        lines.append(
+            f"floor: {{friction: {robot.floor.friction:g}}}   # level, at height 0; its sliding friction, assumed"
+        )
+    if robot.height is not None:
+        lines.append(f"height: {robot.height:g}   # of the base where episodes start [m]")
+    if robot.exclude:
+        lines.append(f"exclude: {_flow([list(pair) for pair in robot.exclude])}   # bodies that never touch")
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _more_notes(
