@@ -105,7 +105,7 @@ def stood(path: Path, seconds: float = 5.0) -> tuple[float, float]:
     for _ in range(round(seconds * 50)):
         env.step(np.zeros(env.action_space.shape, np.float32))
     now = np.array(env.unwrapped.data.qpos[:7])
-    return start[2] - now[2], 2.0 * np.arccos(min(1.0, abs(now[3:] @ start[3:])))
+    return float(start[2] - now[2]), float(2.0 * np.arccos(min(1.0, abs(now[3:] @ start[3:]))))
 
 
 @pytest.mark.parametrize(
