@@ -74,8 +74,8 @@ def test_a_stalled_or_sagging_joint_has_no_other_unit_than_its_goal(
     """0.5 +- 0.04 rad beside a goal of 0.5 +- 0.6 was imported with a goal in degrees, and the gap was gone."""
     swing = np.sin(2.0 * np.pi * 0.3 * TIME)
     columns = {
-        "t": TIME, "elbow_goal": MOVED["goal"], "elbow_pos": MOVED["smooth"],
-        "wrist_goal": 0.5 + goal * swing, "wrist_pos": 0.5 + position * swing + RNG.normal(0.0, 1e-4, len(TIME)),
+        "t": TIME, "elbow_goal": MOVED["goal"], "elbow_pos_rad": MOVED["smooth"],
+        "wrist_goal": 0.5 + goal * swing, "wrist_pos_rad": 0.5 + position * swing + RNG.normal(0.0, 1e-4, len(TIME)),
     }  # fmt: skip
     source = tmp_path / "log.csv"
     table = np.stack(list(columns.values()), axis=1)

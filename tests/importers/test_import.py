@@ -284,7 +284,7 @@ def test_matlab_vectors_and_numbers_become_columns_and_constants(tmp_path: Path)
 def test_a_rod_that_nobody_weighed_is_the_benchs_own_in_an_import_too(tmp_path: Path) -> None:
     """It weighed 0 kg in an imported log, and 0.03 kg everywhere else."""
     m = motion(5.0)
-    columns = {"time": m["time"], "goal": m["goal"], "position": m["smooth"]}
+    columns = {"time": m["time"], "q_goal": m["goal"], "q": m["smooth"]}
     savemat(tmp_path / "a.mat", {**columns, "mass": 0.5, "length": 0.1})
     found = propose_for(tmp_path / "a.mat", tmp_path / "log", actuator="sts3215")
     import_logs(tmp_path / "a.mat", tmp_path / "log", found.mapping)
@@ -310,11 +310,18 @@ def test_expressions_are_arithmetic(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("b + 1", "takes 'b', which is no column"),
-        ("__import__('os')", "cannot be read from"),
+        ("__import__('os')", "calls '__import__'"),
         ("open(a)", "calls 'open'"),
-        ("a +", "lacks a number or a column at its end"),
-        ("(a", "lacks a '\\)'"),
-        ("a a", "where it should end"),
+        ("a +", "is no arithmetic over columns"),
+        ("(a", "is no arithmetic over columns"),
+        ("a.__class__", "takes 'a.__class__', which is no column"),
+        ("a if a else 1", "is no arithmetic over columns"),
+        ("a == 1", "is more than arithmetic over columns"),
+        ("[a, 1]", "is more than arithmetic over columns"),
+        ("max(a)", "max takes 2 values, not 1"),
+        ("-" * 30_000 + "a", "nested too deeply"),
+        ("+".join(["a"] * 3000), "write it shorter|is no arithmetic"),
+        ("a a", "is no arithmetic over columns"),
         ("(" * 200 + "a", "nested too deeply"),
         ("unwrap(b)", "takes 'b', which is no column"),
     ],
@@ -364,7 +371,9 @@ def test_two_joints_that_were_driven_by_torque_are_told_apart() -> None:
     for k in "12":
         assert texts[f"joint{k}.torque_command"] == f"tau_con{k}" and texts[f"joint{k}.torque"] == f"tau_meas{k}"
         assert texts[f"joint{k}.position"] == f"pos_meas{k}"
-    assert not asked
+    assert {*asked} == {f"joint{k}.{signal}" for k in "12" for signal in ("position", "velocity")}, (
+        "no name says a unit"
+    )
 
 
 @needs_data

@@ -28,7 +28,7 @@ def swing(time: np.ndarray) -> np.ndarray:
 def recorded(period: float, duration: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Time [s], and goal and position of a joint."""
     time = np.arange(0.0, duration, period)
-    return time, {"goal": swing(time), "position": swing(time - 0.04)}
+    return time, {"goal_rad": swing(time), "position_rad": swing(time - 0.04)}
 
 
 @pytest.mark.parametrize(("period", "per"), [(5e-4, 1e3), (1e-4, 1e3), (2.5e-4, 1e6)])
@@ -44,7 +44,7 @@ def test_a_clock_of_a_fast_log_is_not_read_as_a_slow_one_in_silence(tmp_path: Pa
 
 def test_noise_at_a_high_rate_is_no_slow_log(tmp_path: Path) -> None:
     time, columns = recorded(5e-4, 1.0)
-    columns["position"] = columns["position"] + 0.2 * np.random.default_rng(0).normal(size=len(time))
+    columns["position_rad"] = columns["position_rad"] + 0.2 * np.random.default_rng(0).normal(size=len(time))
     (question, *_) = propose_for(table(tmp_path, {"time": 1e3 * time, **columns}), tmp_path / "out").mapping.questions
     assert question.about == ("time",)
 
@@ -55,7 +55,7 @@ def test_stamps_since_1970_tell_their_unit(tmp_path: Path) -> None:
     for per in (1.0, 1e3):
         stamps = np.round(per * (1.7e9 + time), 3)
         path = tmp_path / "run.csv"
-        rows = np.stack([stamps, columns["goal"], columns["position"]], axis=1)
+        rows = np.stack([stamps, columns["goal_rad"], columns["position_rad"]], axis=1)
         np.savetxt(path, rows, delimiter=",", header="time,goal,position", comments="", fmt="%.6f")
         found = propose_for(path, tmp_path / "out").mapping
         assert not [question for question in found.questions if "time" in question.about]

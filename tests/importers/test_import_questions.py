@@ -14,7 +14,7 @@ from sealegs.gap.log.importers.positions import TURN_OF_FEW
 from sealegs.gap.log.importers.proposal import Proposal, propose
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
-from tests.importers.importing import ANGLE, DEG, LATE, TIME, asked, proposed, table
+from tests.importers.importing import ANGLE, LATE, TIME, asked, proposed, table
 from tests.importers.test_import import motion
 
 A_TURN = 2.0 * np.pi
@@ -39,20 +39,20 @@ def test_rotations_are_turns(tmp_path: Path, form: str) -> None:
 def test_a_word_that_may_be_the_unit_of_positions_and_goals_is_asked_about(tmp_path: Path, form: str) -> None:
     found = proposed(tmp_path, {"time": TIME, form.format("target"): ANGLE, form.format("position"): LATE})
     about = asked(found)
-    assert about.keys() == {"joint.position", "joint.goal"} and len(found.mapping.questions) == 1
-    assert "unit=deg" in about["joint.position"]
+    assert {name.rpartition(".")[2] for name in about} == {"position", "goal"} and len(found.mapping.questions) == 1
+    assert "unit=deg" in next(iter(about.values()))
 
 
 def test_the_answer_says_what_such_a_word_means(tmp_path: Path) -> None:
     columns = {"time": TIME, "target_rot": ANGLE / A_TURN, "position_rot": LATE / A_TURN}
     for unit, text in (("turn", "position_rot*2*pi"), ("rad", "position_rot")):
         found = proposed(tmp_path, columns, unit)
-        assert asked(found) == {} and found.mapping.columns["joint.position"] == text
+        assert asked(found) == {} and found.mapping.columns["rot.position"] == text
 
 
 def test_a_joint_that_is_called_rotation_keeps_its_name(tmp_path: Path) -> None:
     columns = {"time": TIME, "goal_rot": ANGLE, "pos_rot": LATE, "goal_lift": OTHER, "pos_lift": OTHER_LATE}
-    found = proposed(tmp_path, columns)
+    found = proposed(tmp_path, columns, "rad")
     assert asked(found) == {} and {"rot.position", "rot.goal", "lift.goal"} <= found.mapping.columns.keys()
     columns = {"time": TIME, "goal_rot": ANGLE, "pos_rot": LATE, "torque_rot": OTHER}
     assert "rot.position" in proposed(tmp_path, columns).mapping.columns
@@ -165,8 +165,8 @@ def test_a_share_or_an_opening_of_a_gripper_decides_nothing_for_the_arm(tmp_path
         columns = sized({"shoulder": 1.5, "elbow": 1.0})
         share = (LATE - LATE.min()) / np.ptp(LATE)
         columns |= {f"goal_{last}": low + high * np.roll(share, -4), f"pos_{last}": low + high * share}
-        (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
-        assert question.about == (f"{last}.position", f"{last}.goal")
+        (question,) = propose_for(table(tmp_path, columns), tmp_path / "out", "rad").mapping.questions
+        assert question.about == (f"{last}.position", f"{last}.goal") and "a share of the calibrated" in question.ask
 
 
 def test_a_velocity_in_a_unit_that_is_said_tells_the_unit_of_its_position(tmp_path: Path) -> None:
@@ -185,16 +185,17 @@ def test_a_velocity_in_a_unit_that_is_said_tells_the_unit_of_its_position(tmp_pa
 def test_a_velocity_that_is_no_derivative_in_its_unit_tells_none(tmp_path: Path) -> None:
     columns = {"time_s": TIME, "goal": 4 * ANGLE, "pos": 4 * LATE, "vel_dps": 30 * FAST}
     found = propose_for(table(tmp_path, columns), tmp_path / "out").mapping
-    assert found.columns["joint.position"] == "pos" and found.questions[0].about == ("joint.velocity",)
+    assert [question.about for question in found.questions] == [("joint.position", "joint.goal"), ("joint.velocity",)]
 
 
 def test_a_position_that_moves_as_a_goal_in_degrees_is_not_taken_for_rad_in_silence(tmp_path: Path) -> None:
     source = table(tmp_path, {"time_s": TIME, "goal_deg": 4 * ANGLE, "pos": 4 * LATE})
     (question,) = propose_for(source, tmp_path / "out").mapping.questions
-    assert "is pos in deg, too (unit=deg)?" in question.ask and "joint.goal" in question.about
+    assert question.ask.startswith("degrees (unit=deg)") and question.about == ("joint.position",)
     assert not propose_for(source, tmp_path / "out", "deg").mapping.questions
-    source = table(tmp_path, {"time_s": TIME, "goal_deg": DEG * ANGLE, "pos": LATE})
-    assert not propose_for(source, tmp_path / "out").mapping.questions
+    source = table(tmp_path, {"time_s": TIME, "goal_deg": 4 * ANGLE, "q": 4 * LATE})
+    (question,) = propose_for(source, tmp_path / "out").mapping.questions
+    assert question.about == ("joint.goal",) and "in which unit is goal_deg?" in question.ask
 
 
 def test_the_answer_ticks_keeps_the_question_how_many_are_a_turn_where_1024_may_be(tmp_path: Path) -> None:
@@ -214,7 +215,7 @@ def test_an_opening_from_0_to_1_is_asked_about_where_other_joints_are_angles(tmp
     share = (LATE - LATE.min()) / np.ptp(LATE)
     columns |= {"goal_gripper": np.roll(share, -4), "pos_gripper": share}
     (question,) = propose_for(table(tmp_path, columns), tmp_path / "out", unit).mapping.questions
-    assert question.about == ("gripper.position", "gripper.goal") and "as an opening does" in question.ask
+    assert question.about == ("gripper.position", "gripper.goal") and "opening of 0..1" in question.ask
     columns = sized({"waist": 1.0, "elbow": 1.0})
     columns |= {"goal_elbow": 0.4 + 0.3 * ANGLE, "pos_elbow": 0.4 + 0.3 * LATE}
     assert not propose_for(table(tmp_path, columns), tmp_path / "out", "rad").mapping.questions, "an elbow within 0..1"
@@ -253,7 +254,7 @@ def test_a_default_angle_between_actions_and_positions_is_asked_about_for_all_of
     found = _proposed(tmp_path, columns)
     assert len(found.questions) == 1
     assert set(found.questions[0].about) == {f"joint{k}.goal" for k in range(3)}
-    assert found.columns["joint2.goal"].text.replace("`", "") == "-1.5 + actions[2]"
+    assert found.columns["joint2.goal"].text.replace("`", "") == "actions[2]"
 
 
 def test_actions_that_are_goals_stay_unasked(tmp_path: Path) -> None:

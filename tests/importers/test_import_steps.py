@@ -71,14 +71,13 @@ def test_the_answer_ticks_makes_an_angle_of_steps(tmp_path: Path) -> None:
 def test_steps_that_are_called_degrees_are_asked_about(tmp_path: Path) -> None:
     """``unit=deg`` made an angle of 35 rad of a servo near its middle."""
     (question,) = propose_for(table(tmp_path, servos()), tmp_path / "out", "deg").mapping.questions
-    assert "are these in deg, as unit= says?" in question.ask and "(unit=ticks)" in question.ask
+    assert question.ask == STEPS and len(question.about) == 6
 
 
 def test_whole_degrees_are_no_steps(tmp_path: Path) -> None:
     columns = {"time_s": TIME, "goal": np.round(90 + 57 * ANGLE), "pos": np.round(90 + 57 * LATE)}
     (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
-    assert question.ask.startswith("degrees (unit=deg)") and "encoder steps too" not in question.ask
-    assert "Whole numbers may also be encoder steps (unit=ticks)" in question.ask
+    assert question.ask.startswith("degrees (unit=deg)") and "encoder steps (unit=ticks)" in question.ask
     assert not propose_for(table(tmp_path, columns), tmp_path / "out", "deg").mapping.questions
 
 
@@ -86,7 +85,7 @@ def test_servos_of_1024_steps_are_told_their_line(tmp_path: Path) -> None:
     step = np.radians(300.0) / 1024
     columns = {"time_s": TIME, "goal": np.round(512 + ANGLE / step), "pos": np.round(512 + LATE / step)}
     (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
-    assert question.ask.startswith(STEPS)
+    assert question.ask == STEPS and "(<column> - 512)*300/1024*pi/180" in STEPS
 
 
 @pytest.mark.parametrize("kind", ["fractions", "counts"])
@@ -97,7 +96,7 @@ def test_what_is_no_steps_of_a_servo_is_asked_about_in_spite_of_the_answer(tmp_p
     found = propose_for(table(tmp_path, {"time_s": TIME, "goal": goal, "pos": position}), tmp_path / "out", "ticks")
     (question,) = found.mapping.questions
     assert question.about == ("joint.position", "joint.goal")
-    assert ("no whole numbers" if kind == "fractions" else "are a turn") in question.ask
+    assert ("No unit is said" if kind == "fractions" else "are a turn") in question.ask
 
 
 def test_a_column_that_says_ticks_takes_the_answer_and_one_in_rad_keeps_its_unit(tmp_path: Path) -> None:

@@ -249,8 +249,8 @@ def long_form(folder: Path, head: str, names: tuple[object, object], apart: floa
 @pytest.mark.parametrize(
     ("head", "names", "joints"),
     [
-        ("t,name,pos,cmd", ("shoulder", "elbow"), ["shoulder", "elbow"]),
-        ("time,servo_id,position,goal", (3, 5), ["joint3", "joint5"]),
+        ("t,name,pos_rad,cmd", ("shoulder", "elbow"), ["shoulder", "elbow"]),
+        ("time,servo_id,position [rad],goal", (3, 5), ["joint3", "joint5"]),
         ("t,Joint,q,q_des", ("link1", "left arm"), ["link1", "left_arm"]),
     ],
 )

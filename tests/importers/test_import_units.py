@@ -124,26 +124,22 @@ def test_an_answer_that_every_column_contradicts_is_refused(tmp_path: Path) -> N
         propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", "deg")
 
 
-def test_an_answer_that_would_leave_a_joint_at_rest_beside_others_is_asked_about(tmp_path: Path) -> None:
-    columns = {"time_s": TIME, "a_goal": ANGLE * DEG, "a_pos": LATE * DEG, "b_goal": ANGLE, "b_pos": LATE}
-    proposal = propose(read_recordings(table(tmp_path, columns)), "deg")
-    assert [question.about for question in proposal.questions] == [("b.position", "b.goal")]
-
-
 def test_a_few_samples_far_outside_are_left_out_by_a_line_that_is_offered(tmp_path: Path) -> None:
     lost = np.where((TIME > 3.0) & (TIME < 3.1), -1e10, LATE)
     text = propose_for(table(tmp_path, {"time_s": TIME, **RAD, "pos_rad": lost}), tmp_path / "out").text
     assert "`where: 60 - abs(pos_rad)`" in text and "degrees?" not in text
 
 
-def test_a_share_of_the_range_is_asked_with_what_the_range_is_good_for(tmp_path: Path) -> None:
-    for middle, sentence in ((50.0, "low + <column>/100*(high - low)"), (0.0, "middle + <column>/100*(high - low)/2")):
-        columns = {"time_s": TIME, "goal_pct": middle + 50 * ANGLE, "pos_pct": middle + 50 * LATE}
-        text = propose_for(table(tmp_path, columns), tmp_path / "out").text
-        assert sentence in text and ("unit=percent beside robot=" in text) == (middle > 0.0)
-    assert "range in m" in "".join(
-        q.ask for q in propose(read_recordings(tmp_path / "run.csv"), None, {"joint"}).questions
-    )
+@pytest.mark.parametrize("middle", [50.0, 0.0])
+def test_a_share_of_the_range_is_asked_with_what_the_range_is_good_for(tmp_path: Path, middle: float) -> None:
+    columns = {"time_s": TIME, "goal_pct": middle + 50 * ANGLE, "pos_pct": middle + 50 * LATE}
+    (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
+    for words in (
+        "low + <column>/100*(high - low)",
+        "middle + <column>/100*(high - low)/2",
+        "unit=percent beside robot=",
+    ):
+        assert words in question.ask
 
 
 @pytest.mark.parametrize(
@@ -267,7 +263,8 @@ def test_numbers_that_tell_joints_apart_are_no_factors(tmp_path: Path, names: li
     columns = {"time_s": TIME}
     for name in names:
         columns |= {name.format("goal"): ANGLE, name.format("pos"): LATE}
-    found = propose_for(table(tmp_path, columns), tmp_path / "out").mapping
+    unit = None if "_deg" in names[0] else "rad"
+    found = propose_for(table(tmp_path, columns), tmp_path / "out", unit).mapping
     assert not found.questions and len([name for name in found.columns if name.endswith(".goal")]) == 2
 
 

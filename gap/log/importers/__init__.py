@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping as AnyMapping
 from collections.abc import Sequence
@@ -19,12 +18,15 @@ from ..types import LogError, MeasuredRun
 from ..writer import in_the_way, is_written, write_run
 from .claims import claims_of
 from .dialects import dialects
+from .expression import column
+from .lines import ASK
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
 from .one_run import joined, paired
-from .proposal import Proposal, propose, spelled
-from .ranges import check_shares, far_in_proposal, far_in_runs
+from .positions import PERCENT
+from .proposal import Proposal, propose
 from .readers import read_recordings, read_source
 from .recording import RECORDED, Recording
+from .robot import Robot, asked_robot, robot_of
 from .show import proposal_text
 from .sidecars import (
     answered,
@@ -33,15 +35,10 @@ from .sidecars import (
     beyond,
     blanks,
     check_machine,
-    checked_robot,
     completed,
     folder_and_own,
-    joints_in_file,
-    joints_of_robot,
-    limits_of,
     proposed_sidecar,
     said_before,
-    slides_of,
     text_with_blanks,
 )
 
@@ -124,23 +121,32 @@ def propose_for(
         LogError: the source cannot be read.
     """
     found, without = read_source(source)
-    robot = checked_robot(robot, out)
+    machine = asked_robot(robot, out)
     recordings, left = _alike(paired(found, source) or found)
     left += without
-    recordings = joined(recordings, joints_in_file(robot, out), source)
+    recordings = joined(recordings, machine.joints, source)
     known = dialects(dialect)
-    proposal = propose(recordings, unit, slides_of(robot, out), known)
-    proposal = spelled(proposal, recordings[0].columns, joints_in_file(robot, out))
-    check_shares(proposal, robot, out)
+    proposal = propose(recordings, unit, machine.slides, known, machine.joints)
+    machine.check_shares([name.rpartition(".")[0] for name, one in proposal.columns.items() if one.unit == PERCENT])
     sidecar = proposed_sidecar(
-        recordings, proposal, beside(robot, out), asked_chain(actuator, out, proposal.joints, lambda: recordings[0]),
-        params, limits_of(robot, out), claims_of(recordings[0], known),
+        recordings, proposal, beside(machine.word, out),
+        asked_chain(actuator, out, proposal.joints, lambda: recordings[0]),
+        params, machine.limits, claims_of(recordings[0], known),
     )  # fmt: skip
-    text = proposal_text(
-        proposal, sidecar, recordings, command, left, far_in_proposal(proposal, recordings, robot, out)
-    )
+    text = proposal_text(proposal, sidecar, recordings, command, left, _far(proposal, recordings, machine))
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))
+
+
+def _far(proposal: Proposal, recordings: Sequence[Recording], machine: Robot) -> tuple[str, ...]:
+    """A sentence for each column that a proposal puts far outside its joint's range."""
+    sure = {name: one for name, one in proposal.columns.items() if one.trust != ASK and one.unit != PERCENT}
+    sure = {name: one for name, one in sure.items() if name.rpartition(".")[0] in machine.ranges}
+    return machine.far(
+        (name, column(one.text, run.known_names(), str(run.source), run.length))
+        for run in recordings
+        for name, one in sure.items()
+    )
 
 
 def _certain(proposal: Proposal, sidecar: dict[str, Any]) -> Mapping:
@@ -175,8 +181,7 @@ def _read(source: Path, out: Path, mapping: Mapping) -> tuple[list[Recording], l
     found, without = read_source(source)
     found = paired(found, source) or found
     alike, _ = _alike(found)
-    robot = Path(os.path.normpath(out / str(mapping.sidecar.get("robot"))))  # the folder need not exist yet
-    whole = joined(alike, joints_in_file(str(robot), out) if os.path.isfile(robot) else (), source)
+    whole = joined(alike, robot_of(mapping.sidecar.get("robot"), out).joints, source)
     return (found if whole is alike else [*whole, *(one for one in found if one not in alike)]), without
 
 
@@ -219,8 +224,15 @@ def import_logs(
     said, sidecar = said_before(out), out / FOLDER_DEFAULTS
     whole = [completed(run, said or {}) for run in runs]
     check_machine(whole, runs)
-    joints_of_robot(whole, out)
-    far = far_in_runs(whole, whole[0].robot, out)
+    machine = robot_of(whole[0].robot, out)
+    for run in whole:
+        machine.check_joints(run.name, run.joints)
+    far = machine.far(
+        (name, values)
+        for run in whole
+        for name, values in run.columns().items()
+        if (run.meta.get("units") or {}).get(name, "rad") in ("rad", "m")
+    )
     shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
     text, missing = text_with_blanks(shared, runs), blanks(whole)
     there = _there(runs, own, out)

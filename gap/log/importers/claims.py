@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 from ..types import COMMANDS, OTHER, SIGNAL_UNITS
 from .dialects import Dialect, claimed
-from .names import Claim, is_a, said, words_of
+from .names import Claim, is_a, said
 from .recording import Recording
-from .units import UNIT_OR_NAME, measure, measures, unit_of
+from .units import measure, measures, unit_of
 
 ONLY_JOINT = "joint"
 """What a joint is called that nothing names, and a number without a name is of."""
@@ -26,7 +26,6 @@ ARM = re.compile(r"(?:(.*)_)?(?:(leader|master)|(follower|puppet|slave))_?(.*)",
 NUMBERED = re.compile(r"(.*?)_?(\d+)")
 BEFORE = re.compile(r"(?<![A-Za-z0-9.])(?P<number>\d+(?:_\d+)?)(?P<unit>[A-Za-zµμ°]{2,})(?![A-Za-z0-9])")
 """``current_5mA``: a unit with its number, or of joint 5."""
-BRACKETED = re.compile(r".*[\[(]\s*([^\W\d_]{2,})\s*[\])]\s*")
 
 Groups = dict[str, dict[str, list[Claim]]]
 """Claims by joint and signal."""
@@ -149,7 +148,7 @@ def placed(recording: Recording, known: Sequence[Dialect], skipped: Iterable[str
             out.aside[claim.column] = "another clock"
         else:
             out.nobodys.append(claim.column)
-    for claim in _with_joints(_factors(_units_or_names(found))):
+    for claim in _with_joints(_factors(found)):
         out.groups.setdefault(claim.joint, {}).setdefault(claim.signal, []).append(claim)
     _unnamed_positions(out)
     _join_names(out)
@@ -158,29 +157,6 @@ def placed(recording: Recording, known: Sequence[Dialect], skipped: Iterable[str
 
 
 # --- what stands beside a unit ---------------------------------------------------------------------------------------
-
-
-def _units_or_names(found: list[Claim]) -> list[Claim]:
-    """A word behind all positions and goals may be their unit: a joint's name would differ, or stand elsewhere, too."""
-    angles = [claim for claim in found if claim.signal in ANGLES]
-    word = _last_word(angles[0].column) if angles else ""
-    ends = [claim for claim in found if f"_{claim.joint.lower()}".endswith(f"_{word}")] if word else []
-    alike = all(_last_word(one.column) == word and not (one.sure or one.unit) for one in angles)
-    if not (word and alike and ends == angles) or not (
-        {one.signal for one in angles} == {*ANGLES} or word in UNIT_OR_NAME
-    ):
-        return found
-    return [
-        replace(one, joint=one.joint[: -len(word)].rstrip("_"), rest=word) if one in angles else one for one in found
-    ]
-
-
-def _last_word(name: str) -> str:
-    """The last word of a name where it may be a unit."""
-    if match := BRACKETED.fullmatch(name):
-        return plain(match[1].lower())
-    last = "".join(words_of(name)[1:][-1:]).lower()
-    return last if last in UNIT_OR_NAME else ""
 
 
 def _factors(found: list[Claim]) -> list[Claim]:

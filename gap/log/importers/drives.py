@@ -1,5 +1,7 @@
-"""Chains for recordings that say how their drive was set: the servo of BAM, and gains of an impedance drive (MIT
-mode)."""
+"""Chains for recordings that say how their drive was set: the servo of BAM, and gains of an impedance drive (MIT mode).
+
+Gains are numbers of the file, or columns that are constant.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +22,7 @@ from .recording import Recording
 Chain = str | list[dict[str, Any]]
 USUAL = 0.7
 """Share of the rows from which a gain is the drive's; the other rows are left out."""
+GAIN_UNITS = {"stiffness": "N.m/rad", "damping": "N.m.s/rad"}
 PLAIN_UNITS = ("rad", "m", "rad/s", "m/s", "N.m", "N")
 """Units of columns in which gains are in N.m/rad and N.m.s/rad."""
 
@@ -37,6 +40,19 @@ def shipped_chain(facts: Mapping[str, float | str]) -> Chain | None:
     return as_recorded(DRIVES[motor], load_chain(motor).to_list(), facts) if "kp" in facts else None
 
 
+def with_gains(chain: list[dict[str, Any]], facts: Mapping[str, float | str]) -> list[dict[str, Any]]:
+    """A chain whose drive is a stiffness and a damping, with those that a recording says as numbers: ``kp``, ``kd``.
+
+    Gains of a motor whose own drive is known are registers or amperes, and no stiffness.
+    """
+    if facts.get("motor") in DRIVES or not isinstance(facts.get("kp"), float):
+        return chain
+    said = {"stiffness": "kp", "damping": next((key for key in ("damping", "kd") if key in facts), "")}
+    own = {name: f"${{{key}}}" for name, key in said.items() if key}
+    return [{name: {**(values or {}), **own} if name == "ideal" else values for name, values in stage.items()}
+            for stage in chain]  # fmt: skip
+
+
 @dataclass(frozen=True)
 class _Gain:
     """A gain: its column, its usual value and the share of rows that have it."""
@@ -52,7 +68,7 @@ def impedance_chains(
     claims: Mapping[str, Claim],
     limits: Mapping[str, float] | None = None,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Chains of joints that are told more than a goal, with stiffness and damping as the recordings have them.
+    """Chains of joints whose stiffness and damping the recordings have in columns.
 
     Rows with other ones are left out where these are few, as at a start. A joint whose gains change more has no chain:
     then only the whole torque says what its drive was told. Nor has one whose columns are in degrees or turns: nobody
@@ -68,14 +84,15 @@ def impedance_chains(
     for joint in out.joints:
         goal = out.columns.get(f"{joint}.goal")
         beside = [out.columns[name] for signal in BESIDE_GOAL if (name := f"{joint}.{signal}") in out.columns]
-        if goal is None or not beside or not all(line.unit in PLAIN_UNITS for line in (goal, *beside)):
+        if goal is None or not all(line.unit in PLAIN_UNITS for line in (goal, *beside)):
             continue
         owners = {claims[name].joint for name in names_in(goal.text) if name in claims} | {joint}
         stiffness, damping = (_gain(recordings, claims, owners, what) for what in ("stiffness", "damping"))
         if stiffness is None or damping is None:
             continue
         for gain, what in ((stiffness, "stiffness"), (damping, "damping")):
-            out.unused[gain.column] = f"the {what} of {joint}'s chain"
+            register = "" if beside else "; where it is a register of a servo, replace the chain under sidecar"
+            out.unused[gain.column] = f"the {what} of {joint}'s chain [{GAIN_UNITS[what]}]{register}"
         changing = [gain for gain in (stiffness, damping) if gain.share < 1.0]
         if stiffness.value <= 0.0 or any(gain.share < USUAL for gain in changing):
             for gain in changing or (stiffness,):
@@ -89,8 +106,8 @@ def impedance_chains(
             same = f"max(1-abs(sign({quoted(gain.column)}-{gain.value!r})), 0)"
             out.keep.setdefault(joint, []).append(same)
         limit = {"torque_limit": limits[joint]} if limits and joint in limits else {}
-        drive = {"stiffness": stiffness.value, "damping": damping.value, **limit, "feedforward": 1}
-        chains[joint] = [{"ideal": drive}]
+        drive = {"stiffness": stiffness.value, "damping": damping.value, **limit}
+        chains[joint] = [{"ideal": drive | ({"feedforward": 1} if beside else {})}]
     return chains
 
 

@@ -1,15 +1,16 @@
 """Arithmetic over the columns of a foreign log: ``(pos_ticks - 2048)*2*pi/4096``. No Python is run.
 
 A column is named as it stands, or in backquotes where its name is no plain word: `` `Joint 1 (deg)`*pi/180 ``. Numbers
-of the file and of the mapping (``gtau``) are names too.
+of the file and of the mapping (``gtau``) are names too. Python's parser reads it; few kinds of nodes are let through.
 """
 
 from __future__ import annotations
 
+import ast
 import math
 import re
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,17 +18,16 @@ import numpy as np
 from ....common.errors import nearest
 from ..types import Array, LogError
 
-PLAIN = re.compile(r"[A-Za-z_][\w.\[\]/]*\Z")
+PLAIN = re.compile(r"[A-Za-z_][\w.\[\]]*")
 """Names that need no backquotes: words, with the dots and indices of flattened fields."""
-TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|`(?P<quoted>[^`]+)`|(?P<name>[A-Za-z_][\w.\[\]]*)"
-    r"|(?P<sign>\*\*|[-+*/(),]))"
-)
+NAMES = re.compile(rf"`([^`]+)`|(?<![\w.])({PLAIN.pattern})(\s*\()?")
 COUNTERS = (8, 16, 24, 32)  # [bit]
 SIGN_BITS = (10, 15)
 """Bits that servos keep a sign in: of a load or a duty, of a speed or a current."""
 STEADIER = 0.4
 """Share of the longest jump of its counts that a register with a sign has at most once that is read."""
+LONGEST, DEEPEST = 20_000, 50
+"""Letters of an expression, and brackets or signs within each other, at most."""
 
 
 def passing(function: Callable[[Array], Array]) -> Callable[[Any], Array]:
@@ -114,12 +114,20 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "known": (1, lambda values: np.isfinite(values).astype(float)),
 }
 """Functions by name: how many arguments they take, and what they do."""
-DEEPEST = 50
+OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.Pow: lambda base, power: np.power(np.asarray(base, float), power),
+    ast.USub: np.negative,
+    ast.UAdd: np.positive,
+}
 
 
 def quoted(name: str) -> str:
     """A column's name as an expression has it."""
-    return name if TOKEN.fullmatch(name) and PLAIN.match(name) and name not in FUNCTIONS else f"`{name}`"
+    return name if PLAIN.fullmatch(name) and name not in FUNCTIONS else f"`{name}`"
 
 
 def names_in(text: str) -> list[str]:
@@ -128,10 +136,7 @@ def names_in(text: str) -> list[str]:
     Raises:
         LogError: it is no expression.
     """
-    reader = _Reader(text, None)
-    with np.errstate(all="ignore"):
-        reader.whole()
-    return list(dict.fromkeys(reader.used))
+    return list(dict.fromkeys(_parsed(text)[1].values()))
 
 
 def evaluate(text: str, values: Mapping[str, Any], where: str) -> Any:
@@ -146,10 +151,13 @@ def evaluate(text: str, values: Mapping[str, Any], where: str) -> Any:
         LogError: it is no expression, or takes a name that there is none of.
     """
     try:
+        tree, names = _parsed(str(text))
         with np.errstate(all="ignore"):
-            return _Reader(str(text), values).whole()
+            return _value(tree, {short: _named(name, values, text) for short, name in names.items()}, text)
     except LogError as error:
         raise LogError(f"{where}: {error}") from None
+    except RecursionError:
+        raise LogError(f"{where}: '{text[:40]}...' has too many terms; write it shorter.") from None
 
 
 def column(text: str, values: Mapping[str, Any], where: str, length: int) -> Array:
@@ -163,119 +171,72 @@ def column(text: str, values: Mapping[str, Any], where: str, length: int) -> Arr
     return np.array(np.broadcast_to(value, (length,)))
 
 
-@dataclass
-class _Reader:
-    """Recursive descent: sum, product, sign, power, atom. With ``values`` None it only collects names."""
+def _parsed(text: str) -> tuple[ast.expr, dict[str, str]]:
+    """The tree of an expression, in which each name is a short one, and the names by these."""
+    names: dict[str, str] = {}
 
-    text: str
-    values: Mapping[str, Any] | None
-    used: list[str] = field(default_factory=list)
+    def shortened(match: re.Match[str]) -> str:
+        if match[3]:  # of a function
+            if match[2] not in FUNCTIONS:
+                raise LogError(f"'{text}' calls '{match[2]}'; there are {', '.join(FUNCTIONS)}.")
+            return match[0]
+        short = f"_{len(names)}"
+        names[short] = match[1] or match[2]
+        return f" {short} "
 
-    def __post_init__(self) -> None:
-        self.tokens: list[tuple[str, str]] = []
-        self.at = 0
-        self.depth = 0
-        position, text = 0, self.text.rstrip()
-        while position < len(text):
-            match = TOKEN.match(text, position)
-            if match is None or match.end() == position:
-                raise LogError(f"'{self.text}' cannot be read from '{text[position:].strip()[:20]}' on{_hint(text)}.")
-            self.tokens.append((str(match.lastgroup), match.group(str(match.lastgroup))))
-            position = match.end()
+    plain = NAMES.sub(shortened, text)
+    nested = np.cumsum([(sign in "([") - (sign in ")]") for sign in plain] or [0])
+    if len(text) > LONGEST or nested.max() > DEEPEST or re.search(rf"(?:[-+~]\s*|\*\*\s*){{{DEEPEST},}}", plain):
+        raise LogError(f"'{text[:40]}...' is nested too deeply, or too long; write it shorter.")
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            tree = ast.parse(plain.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise LogError(f"'{text}' is no arithmetic over columns{_hint(text)}.") from None
+    for node in ast.walk(tree):
+        if not _is_arithmetic(node, names):
+            raise LogError(f"'{text}' is more than arithmetic over columns{_hint(text)}.")
+        if isinstance(node, ast.Call) and len(node.args) != (count := FUNCTIONS[_called(node)][0]):
+            said = f"{count} value{'s' * (count > 1)}, not {len(node.args)}"
+            raise LogError(f"'{text}': {_called(node)} takes {said}.")
+    return tree, names
 
-    def whole(self) -> Any:
-        value = self.sum()
-        if self.at < len(self.tokens):
-            raise LogError(f"'{self.text}' has '{self.tokens[self.at][1]}' where it should end{_hint(self.text)}.")
-        return value
 
-    def sum(self) -> Any:
-        value = self.product()
-        while sign := self.take("+", "-"):
-            other = self.product()
-            value = value + other if sign == "+" else value - other
-        return value
+def _called(node: ast.Call) -> str:
+    return node.func.id if isinstance(node.func, ast.Name) else ""
 
-    def product(self) -> Any:
-        value = self.signed()
-        while sign := self.take("*", "/"):
-            other = self.signed()
-            value = value * other if sign == "*" else np.divide(value, other)
-        return value
 
-    def signed(self) -> Any:
-        sign = self.take("-", "+")
-        if not sign:
-            return self.power()
-        value = self.within(self.signed)
-        return -value if sign == "-" else value
+def _is_arithmetic(node: ast.AST, names: Mapping[str, str]) -> bool:
+    if isinstance(node, ast.Call):
+        return _called(node) in FUNCTIONS and not node.keywords
+    if isinstance(node, ast.Constant):
+        return type(node.value) in (int, float)
+    if isinstance(node, ast.Name):
+        return node.id in names or node.id in FUNCTIONS
+    return isinstance(node, ast.BinOp | ast.UnaryOp | ast.expr_context) or type(node) in OPERATORS
 
-    def power(self) -> Any:
-        value = self.atom()
-        return np.power(np.asarray(value, float), self.within(self.signed)) if self.take("**") else value
 
-    def atom(self) -> Any:
-        kind, word = self.tokens[self.at] if self.at < len(self.tokens) else ("end", "")
-        self.at += 1
-        if kind == "number":
-            return float(word)
-        if kind == "quoted" or (kind == "name" and self.peek() != "("):
-            return self.named(word)
-        if kind == "name":
-            return self.called(word)
-        if word == "(":
-            value = self.within(self.sum)
-            self.expect(")")
-            return value
-        raise LogError(f"'{self.text}' lacks a number or a column{f' before {word!r}' if word else ' at its end'}.")
+def _value(node: Any, values: Mapping[str, Any], text: str) -> Any:
+    if isinstance(node, ast.Constant):
+        return float(node.value) if abs(node.value) < 1e300 else math.inf
+    if isinstance(node, ast.Name):
+        return values[node.id]
+    if isinstance(node, ast.Call):
+        operator, parts = FUNCTIONS[_called(node)][1], node.args
+    else:
+        operator, parts = OPERATORS[type(node.op)], [node.operand] if isinstance(node, ast.UnaryOp) else (
+            [node.left, node.right]
+        )  # fmt: skip
+    numbers = [_value(part, values, text) for part in parts]
+    if word := next((number for number in numbers if isinstance(number, str)), ""):
+        raise LogError(f"'{text}' reckons with '{word}', which is a word and no number.")
+    return operator(*numbers)
 
-    def named(self, word: str) -> Any:
-        if self.values is None:
-            self.used.append(word)
-            return 1.0
-        if word in self.values:
-            value = self.values[word]
-            if isinstance(value, str) and len(self.tokens) > 1:
-                raise LogError(f"'{self.text}' reckons with '{word}', which is the word '{value}' and no number.")
-            return value
-        if word in CONSTANTS:
-            return CONSTANTS[word]
-        raise LogError(f"'{self.text}' takes '{word}', which is no column and no number{nearest(word, self.values)}.")
 
-    def called(self, word: str) -> Any:
-        if word not in FUNCTIONS:
-            raise LogError(f"'{self.text}' calls '{word}'; there are {', '.join(FUNCTIONS)}.")
-        count, function = FUNCTIONS[word]
-        self.expect("(")
-        arguments = [self.within(self.sum)]
-        while self.take(","):
-            arguments.append(self.within(self.sum))
-        self.expect(")")
-        if len(arguments) != count:
-            raise LogError(f"'{self.text}': {word} takes {count} value{'s' * (count > 1)}, not {len(arguments)}.")
-        return 1.0 if self.values is None else function(*arguments)
-
-    def within(self, part: Callable[[], Any]) -> Any:
-        self.depth += 1
-        if self.depth > DEEPEST:
-            raise LogError(f"'{self.text[:40]}...' is nested too deeply; write it shorter.")
-        value = part()
-        self.depth -= 1
-        return value
-
-    def peek(self) -> str:
-        return self.tokens[self.at][1] if self.at < len(self.tokens) and self.tokens[self.at][0] == "sign" else ""
-
-    def take(self, *signs: str) -> str:
-        sign = self.peek()
-        if sign not in signs:
-            return ""
-        self.at += 1
-        return sign
-
-    def expect(self, sign: str) -> None:
-        if not self.take(sign):
-            raise LogError(f"'{self.text}' lacks a '{sign}'{_hint(self.text)}.")
+def _named(name: str, values: Mapping[str, Any], text: str) -> Any:
+    if name in values or name in CONSTANTS:
+        return values.get(name, CONSTANTS.get(name))
+    raise LogError(f"'{text}' takes '{name}', which is no column and no number{nearest(name, values)}.")
 
 
 def _hint(text: str) -> str:

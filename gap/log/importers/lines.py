@@ -33,8 +33,9 @@ PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage":
 FULL_DUTY = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 TOLD_FIT, RATE_FIT = 0.3, 0.7
 """Shares of a motion that its goal, of a velocity that the derivative explains, from which their sizes are compared."""
-SAME_UNIT, HARDLY_FOLLOWS = 2.5, 8.0
-"""Factors within which two scales are the same unit, and from which a joint in the same unit is asked about."""
+SAME_UNIT, ANOTHER_UNIT = 2.5, 5.0
+"""Factors within which a velocity is in the unit that it says, and from which a goal may be in another one: rad and
+turns, the nearest two, are 6.3 apart."""
 NEAR, ROUGH = 1.05, 1.3
 """A velocity is in the unit in which it is within the first factor of what the position does; within the second, it
 may be."""
@@ -56,7 +57,7 @@ class Line:
         trust: ``sure``, ``likely`` (shown, and taken unless somebody objects) or ``ask``.
         why: for people.
         ask: the question, where there is one; lines with the same are asked about together.
-        by_range: whether no unit is said, and the range alone speaks for this one.
+        open: whether no unit is said, and no encoder shows one.
     """
 
     text: str
@@ -64,7 +65,7 @@ class Line:
     trust: str
     why: str
     ask: str = ""
-    by_range: bool = False
+    open: bool = False
 
     def but(self, **changed: Any) -> Line:
         return replace(self, **changed)
@@ -100,41 +101,35 @@ def _off(factor: float) -> float:
 # --- goals -----------------------------------------------------------------------------------------------------------
 
 
-def goal_line(claim: Claim, base: Line, goes: Relation) -> Line:
-    """A goal or a second position, in its own unit or in that of the position; asked about where their sizes differ."""
-    column, unit = quoted(claim.column), told(claim.unit)
+def goal_line(claim: Claim, unit: str, by: str, base: Line, goes: Relation) -> Line:
+    """A goal or a second position; asked about where the position moves as in another unit.
+
+    Args:
+        claim: on its column.
+        unit: that somebody says; empty: in that of the position.
+        by: who says it.
+        base: how the position is read.
+        goes: of the position behind it, both as in the file.
+    """
+    column = quoted(claim.column)
     own, known = measures(unit, *POSITION), measures(base.unit, *POSITION)
-    first = next((quoted(name) for name in names_in(base.text) if name != "pi"), "")
     if unit and not own and unit != base.unit:
-        return Line(column, unit, ASK, f"{claim.by} says {unit}, which is no unit of an angle or a way", base.ask)
+        return Line(column, unit, ASK, f"{by} says {unit}, which is no unit of an angle or a way", base.ask)
     if own:
-        line = Line(column + own.behind, unit, SURE, f"{claim.by} says {unit}")
+        line = Line(column + own.behind, unit, SURE, f"{by} says {unit}")
     else:
+        first = next((quoted(name) for name in names_in(base.text) if name != "pi"), "")
         text = column + known.behind if known else base.text.replace(first, column)
-        line = Line(
-            text,
-            base.unit,
-            base.trust if base.trust == ASK else LIKELY,
-            f"in the unit of the position, {base.unit}",
-            base.ask,
-        )
-    if known is None or base.trust == ASK or goes.fit <= TOLD_FIT or not goes.scale or (own and not base.by_range):
+        trust = ASK if base.trust == ASK else LIKELY
+        line = Line(text, base.unit, trust, f"in the unit of the position, {base.unit}", base.ask)
+    compared = base.trust != ASK and (not own or base.open or by == "unit=")
+    if not (compared and known and goes.fit > TOLD_FIT and goes.scale):
         return line
-    size = abs(goes.scale) * (known.factor / own.factor if own else 1.0)
     times = f"the position moves {abs(goes.scale):.2g} times as far in the numbers of the file"
-    units = [FACTOR[one] for one in (*ANGLE, *WAY)]
-    another = min(_off(size * one / two) for one in units for two in units if one != two) < math.log(1.5)
-    if 1.0 / SAME_UNIT < size < SAME_UNIT or (not another and 1.0 / HARDLY_FOLLOWS < size < HARDLY_FOLLOWS):
+    if abs(math.log(abs(goes.scale) * (known.factor / own.factor if own else 1.0))) < math.log(ANOTHER_UNIT):
         return line.but(why=f"{line.why}; {times}")
-    if own:
-        ask = f"is {first} in {unit}, too (unit={unit})? No unit of it is said, and {times}"
-        return line.but(trust=ASK, why=f"{line.why}, and not of the position", ask=ask)
-    ask = (
-        f"in which unit is {column}? It says none, and {times}; keep {line.unit} if the joint hardly follows it, "
-        f"or is held "
-        "and moved by its load"
-    )
-    return line.but(trust=ASK, why=f"{line.why}; {times}", ask=ask)
+    ask = f"in which unit is {column}? {times[0].upper()}{times[1:]}; keep {line.unit} if the joint hardly follows it, "
+    return line.but(trust=ASK, why=f"{line.why}; {times}", ask=f"{ask}or is held and moved by its load")
 
 
 # --- velocities ------------------------------------------------------------------------------------------------------
@@ -161,7 +156,7 @@ def counted_by_velocity(line: Line, claim: Claim, values: Array, velocity: Claim
     rate, name = measures(unit, "rate", "speed"), quoted(claim.column)
     if goes is None or rate is None or goes.fit <= RATE_FIT or goes.scale <= 0.0:
         return line
-    if line.by_range:
+    if line.open:
         units, factor = WAY if rate.quantity == "speed" else ANGLE, rate.factor * goes.scale
         best = min(units, key=lambda one: _off(factor / FACTOR[one]))
         off, why = _off(factor / FACTOR[best]), f"the velocity in {unit} is its derivative in {best}"

@@ -1,57 +1,53 @@
-"""The unit of positions: said, shown by an encoder's step, answered by ``unit=``, or asked about for all together."""
+"""The unit of positions: said, shown by an encoder's step or a velocity, answered by ``unit=``, else a question."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from ..types import Array, LogError
 from .expression import quoted
-from .lines import ANGLE, ASK, LIKELY, POSITION, SAME_UNIT, SURE, TOLD_FIT, Line, goal_line, of_dialect, reach, told
+from .lines import ANGLE, ASK, LIKELY, SURE, Line, goal_line, of_dialect, reach, told
 from .motion import Relation, encoder, span, whole_numbers
 from .names import Claim, is_a
-from .units import UNIT_OR_NAME, measures
+from .units import measures
 
 TICKS, PERCENT = "ticks", "percent"
 """Words of ``unit=`` that no column is converted by alone: a turn and a zero, or a range belong to them."""
 TURN, ZERO = 4096, 2048
 """Steps of a turn and the step at 0 rad that ``unit=ticks`` takes: of Feetech STS and Dynamixel X servos (their
 registers in hw/bus/registers), mounted with 0 rad in the middle (assumed)."""
-REGISTER, FEW_STEPS = 32768.0, 1023
+REGISTER, FEW_STEPS = 32768.0, 1023.0
 """Steps that a register of 16 bits with a sign does not hold; the largest of a servo that has 1024 over 300 degrees
 (hw/bus/registers/scs0009.yaml)."""
-OF_FEW = "(<column> - 512)*300/1024*pi/180"
-PLAIN_RAD, MOST_RAD = 2.2 * math.pi, 60.0
-"""An angle in rad without a turn to spare stays below the first; one beyond the second is hardly in rad."""
-MOST_COUNTS = 2.0**53
-"""Beyond it a float counts no whole numbers."""
+FEWEST_STEPS, MOST_COUNTS = 400.0, 2.0**53
+"""Whole numbers that reach over less may be degrees; beyond the second a float counts none."""
+PLAIN_RAD, SEVERAL_TURNS, MOST_RAD = 2.2 * math.pi, 12.0, 60.0
+"""An angle in rad without a turn to spare stays below the first; beyond the second a guess is degrees, and beyond the
+third it is hardly in rad."""
 STRAY = 0.02
 """Share of the samples that may lie far outside as what a recorder writes for a lost one."""
 MOST_WAY = 10.0  # [m]
 """What a slide may travel before a name that ends in m is doubted."""
-UNLIKE = 20.0
-"""Two joints whose motions differ by this factor in one unit are hardly both in it."""
+OF_FEW = "a servo with 1024 of them over 300 degrees (SCS, AX) needs (<column> - 512)*300/1024*pi/180 in these lines"
 STEPS = (
     f"encoder steps of a servo (unit={TICKS}: {TURN} a turn and {ZERO} at 0 rad, as in these lines), degrees "
-    "(unit=deg), rad (unit=rad) or mm of a slide (unit=mm)? Whole numbers within 0..4095 are probably steps"
+    f"(unit=deg), rad (unit=rad) or mm of a slide (unit=mm)? Whole numbers within 0..4095 are probably steps; {OF_FEW}"
 )
-TURN_OF_FEW = (
-    f"how many steps are a turn? {TURN} is taken, and no step goes beyond {FEW_STEPS}: a servo with 1024 of them over "
-    f"300 degrees (SCS, AX) needs {OF_FEW} in these lines. Keep them if it has more"
-)
+TURN_OF_FEW = f"how many steps are a turn? {TURN} is taken, and no step goes beyond 1023: {OF_FEW}"
 SHARE = (
-    "0..100 of the joint's range (unit=percent beside robot=<its file>: the range that its model has; else write low + "
-    "<column>/100*(high - low) with the ends of the calibrated range in {si})"
+    "a share of the calibrated range, whose ends are low and high in rad (slide: m)? 0..100 is unit=percent beside "
+    "robot=<its file>, or low + <column>/100*(high - low); -100..100 is middle + <column>/100*(high - low)/2, an "
+    "opening of 0..1 low + <column>*(high - low)"
 )
-SIGNED_SHARE = (
-    "-100..100 of the range that was calibrated: write middle + <column>/100*(high - low)/2 with the ends and the "
-    "middle of "
-    "that range in {si}"
+UNSAID = (
+    f"degrees (unit=deg), rad (unit=rad), turns (unit=turn), encoder steps (unit={TICKS}) or mm of a slide (unit=mm)? "
+    f"No unit is said. Or {SHARE}"
 )
 
 
@@ -85,27 +81,36 @@ class Position:
         return float(np.nanmax(self.values))
 
     @property
-    def opening(self) -> bool:
-        """Whether it stays within 0 and 1, as the opening of a gripper does."""
-        return self.low >= 0.0 and self.high <= 1.001 and self.high - self.low > 0.2
+    def far(self) -> float:
+        return max(abs(self.low), abs(self.high))
 
     @property
     def share(self) -> bool:
-        """Whether it stays within 0 to 100, but for 2 % of that."""
-        return self.low >= -2.0 and self.high <= 102.0
+        """Whether it stays within 0 to 100, but for 2 % of that, goes beyond 0 to 1, and shows no encoder."""
+        return self.low >= -2.0 and 2.0 < self.high <= 102.0 and encoder(self.values) is None
+
+    @property
+    def opening(self) -> bool:
+        """Whether it fills 0 to 1 and shows no encoder, as the opening of a gripper does."""
+        within = self.low >= 0.0 and self.high <= 1.001 and (self.gripper or span(self.values) > 0.8)
+        return within and encoder(self.values) is None
 
     @property
     def gripper(self) -> bool:
         return is_a("gripper", *self.claim.words)
 
     @property
-    def open_unit(self) -> bool:
-        """Whether nobody says its unit."""
-        return not (told(self.claim.unit) or self.claim.rest or self.slide or self.claim.formula)
+    def register(self) -> bool:
+        """Whether nobody says its unit, and it and its goals are whole numbers of a servo's register."""
+        of_steps = all(
+            whole_numbers(values) and float(np.nanmin(values)) >= 0.0 and float(np.nanmax(values)) < TURN
+            for values in (self.values, *self.goals)
+        )
+        return of_steps and self.claim.unit in ("", "?", "tick") and not (self.claim.formula or self.slide)
 
 
 def position_line(one: Position, unit: str, by: str) -> Line:
-    """An angle or a way by the unit that somebody says, by the step of its encoder, or by its range.
+    """An angle or a way by the unit that somebody says or by the step of its encoder, else a question.
 
     Args:
         one: the position.
@@ -114,35 +119,39 @@ def position_line(one: Position, unit: str, by: str) -> Line:
     """
     if line := of_dialect(one.claim):
         return line
-    column, shown, far = quoted(one.claim.column), reach(one.values), max(abs(one.low), abs(one.high))
-    sure = Line(column, unit, SURE, f"{by} says {unit}; {shown}")
-    angle, way, found = measures(unit, "angle"), measures(unit, "way"), encoder(one.values)
-    if way and unit == "m" and by == "the name" and one.high - one.low > MOST_WAY:
+    column, shown = quoted(one.claim.column), reach(one.values)
+    known, found = measures(unit, "angle", "way"), encoder(one.values)
+    sure = Line(column + (known.behind if known else ""), unit, SURE, f"{by} says {unit}; {shown}")
+    if unit == "m" and by == "the name" and span(one.values) > MOST_WAY:
         ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
         return sure.but(trust=ASK, why=f"the name ends in m; {shown}", ask=ask)
-    if way:
-        return sure.but(text=column + way.behind)
-    counts = one.high - min(one.low, 0.0) < MOST_COUNTS
-    if counts and (unit == "tick" or (unit in ("", "?") and whole_numbers(one.values) and one.high - one.low > 400)):
+    whole = whole_numbers(one.values) and FEWEST_STEPS < span(one.values) < MOST_COUNTS
+    if unit == "tick" or (unit in ("", "?") and whole):
         return _counted(column, one)
-    if angle and unit in ("rad", "deg") and found and found[0] != unit:
+    if unit in ("rad", "deg") and found and found[0] != unit:
         why = f"{by} says {unit}, but the steps of its values are a turn in {found[0]} by {found[1]}"
         return Line(column + ANGLE[found[0]], found[0], ASK, why)
-    if angle and unit == "rad" and far > MOST_RAD:
+    if unit == "rad" and one.far > MOST_RAD:
         return _too_far(column, one.values, by)
-    if angle:
-        return sure.but(text=column + angle.behind)
+    if known:
+        return sure
     if found:
         why = f"its steps are a turn in {found[0]} by {found[1]}; {shown}"
         return Line(column + ANGLE[found[0]], found[0], SURE, why)
-    if one.claim.rest and not unit:
-        return _unit_or_name(column, one.claim.rest, shown)
-    if one.slide and not unit:
-        return Line(column, "m", LIKELY, f"of a slide; {shown}, taken for m", by_range=True)
     if told(unit) and unit != "%":
         asked = f"{by} says {unit}, which is no unit of an angle or a way"
         return sure.but(trust=ASK, why=f"{asked}; {shown}", ask=f"{asked}: write what makes it rad (slide: m)")
-    return _by_range(one, unit, column, shown, far)
+    if is_a("radian", one.claim.how.lower()) and not (unit or one.slide) and one.far <= PLAIN_RAD:
+        why = f"{one.claim.how!r} is a joint's angle, in rad by custom; {shown}"
+        return Line(column, "rad", LIKELY, why, open=True)
+    return _open(one, one.far)
+
+
+def _open(one: Position, far: float) -> Line:
+    """A question for the unit of a position, with a guess by how far all that are alike go."""
+    column, unit = quoted(one.claim.column), "m" if one.slide else "rad" if far <= SEVERAL_TURNS else "deg"
+    ask = SHARE if one.claim.unit == "%" else UNSAID
+    return Line(column + ANGLE.get(unit, ""), unit, ASK, f"no unit is said; {reach(one.values)}", ask, open=True)
 
 
 def _counted(column: str, one: Position) -> Line:
@@ -152,51 +161,14 @@ def _counted(column: str, one: Position) -> Line:
     text = f"({column} - {middle})*2*pi/{turn}" if middle else f"{column}*2*pi/{turn}"
     ask = f"how many counts are a turn, and which one is 0 rad? {turn} and {middle} are a guess"
     ask = STEPS if (turn, middle) == (TURN, ZERO) else ask
-    return Line(text, "tick", ASK, f"counts of an encoder, {one.low:.3g} to {one.high:.3g}", ask)
-
-
-def _by_range(one: Position, unit: str, column: str, shown: str, far: float) -> Line:
-    """An angle that nobody says the unit of: rad, as is usual, where its range fits, and else a question."""
-    si = "m" if one.slide else "rad"
-    share = (SIGNED_SHARE if one.low < 0.0 else SHARE).format(si=si)
-    if unit:
-        ask = share if unit == "%" else f"degrees (unit=deg), rad (unit=rad), or {share}"
-        guess = "deg" if far > 105.0 or unit == "?" else "%"
-        return Line(column + ANGLE["deg"], guess, ASK, shown, ask, unit == "?")
-    if one.opening:
-        ask = "an opening from 0 to 1, rad, turns or m? The values stay within 0 and 1 and show no encoder's steps"
-        return Line(column, "rad", ASK, shown, ask, True)
-    if far <= PLAIN_RAD:
-        return Line(
-            column, "rad", LIKELY, f"no unit is said; {shown} look like rad (of a slide they would be m)", "", True
-        )
-    guess = "deg" if far > 12.0 else "rad"
-    ask = "degrees (unit=deg), rad over several turns (unit=rad), or mm of a slide (unit=mm)? No unit is said"
-    if whole_numbers(one.values) and one.low >= 0.0:
-        ask += f". Whole numbers may also be encoder steps (unit={TICKS})"
-    if far <= 105.0 and (one.low >= 0.0 or far > 90.0):
-        ask += f". Or is it a share? {share}"
-    return Line(column + ANGLE[guess], guess, ASK, shown, ask, True)
-
-
-def _unit_or_name(column: str, word: str, shown: str) -> Line:
-    """An angle or a way whose name has a word that may be its unit or name its joint."""
-    turns = word in UNIT_OR_NAME
-    of_turns = f"turns (unit=turn), as {word!r} in the names may say, or does it name the joint (unit=rad, unit=deg)?"
-    ask = of_turns if turns else (
-        f"is {word!r} in the names the unit? It is none that is known: write what makes it rad (slide: m), or give the "
-        "unit, as unit=deg, if the word names something else"
-    )  # fmt: skip
-    return Line(
-        column + ANGLE["turn"] * turns, "turn" if turns else word, ASK, f"{word!r} may be its unit; {shown}", ask
-    )
+    return Line(text, "tick", ASK, f"counts of an encoder, {reach(one.values)}", ask)
 
 
 def _too_far(column: str, values: Array, by: str) -> Line:
     """An angle that goes too far for rad: in degrees, or with stray values for lost samples."""
     stray, why = np.isfinite(values) & (np.abs(values) > MOST_RAD), f"{by} says rad, but it reaches {reach(values)}"
     if stray.sum() > STRAY * len(values):
-        return Line(column + ANGLE["deg"], "deg", ASK, f"{why}: degrees?")
+        return Line(column + ANGLE["deg"], "deg", ASK, why, f"{why}: degrees?")
     first = int(np.argmax(stray))
     ask = (
         f"{column} is {values[first]:.4g} in row {first + 1}, {int(stray.sum())} such in all, which is no angle in "
@@ -222,73 +194,56 @@ class Positions:
     against: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        own = [(one, position_line(one, one.claim.unit, one.claim.by)) for one in self.found]
-        whole = [one for one in self.found if one.claim.unit in ("", "?", "tick") and not one.claim.formula and all(
-            whole_numbers(values) and float(np.nanmin(values)) >= 0.0 and float(np.nanmax(values)) < TURN
-            for values in (one.values, *one.goals))]  # fmt: skip
-        beyond = any(one.high > 360.0 for one in whole)  # further than degrees
-        self.few = (
-            bool(whole) and max(float(np.nanmax(one)) for own in whole for one in (own.values, *own.goals)) <= FEW_STEPS
-        )
-        self.steps = {one.claim.column for one in whole if beyond and not one.slide}
-        self.largest = max((span(one.values) for one, line in own if line.trust == ASK), default=0.0)
-        self.gridded = any(line.trust == SURE and encoder(one.values) is not None for one, line in own)
-        self.together = self._together([(one, line) for one, line in own if one.claim.column not in self.steps])
+        self.lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in self.found}
+        registers = [one for one in self.found if one.register]
+        if any(one.high > 360.0 for one in registers):  # further than degrees
+            self.lines |= {one.claim.column: _counted(quoted(one.claim.column), one) for one in registers}
+        steps = [values for one in registers for values in (one.values, *one.goals)]
+        self.few = bool(steps) and max(float(np.nanmax(values)) for values in steps) <= FEW_STEPS
+        self._decide_together()
 
-    def _together(self, own: Sequence[tuple[Position, Line]]) -> dict[str, Line]:
-        """One decision for all that say no unit: an encoder's steps tell it, else all are asked about where one is.
+    def _decide_together(self) -> None:
+        """One decision for all positions of which nobody says the unit: an encoder's step tells it, else all are asked
+        about where one is. Openings and shares of a gripper may be in a unit of their own."""
+        lines = self.lines
+        alike = [one for one in self.found if lines[one.claim.column].open and not self._stands_apart(one)]
+        shown = {line.unit: name for name, line in lines.items() if line.trust == SURE and "its steps are" in line.why}
+        if len(shown) == 1:
+            ((unit, name),) = shown.items()
+            for one in alike:
+                why = f"{reach(one.values)}; in the unit of {quoted(name)}, whose steps are an encoder's"
+                lines[one.claim.column] = Line(quoted(one.claim.column) + ANGLE[unit], unit, LIKELY, why)
+        elif any(lines[one.claim.column].trust == ASK for one in alike):
+            far = max(one.far for one in alike)
+            lines |= {one.claim.column: _open(one, far) for one in alike}
 
-        Openings, grippers and a last one that stays within 0..100 may be in a unit of their own.
-        """
-        alike = [(one, line) for one, line in own if one.open_unit]
-        by_range = [(one, line) for one, line in alike if line.by_range and not (one.opening or one.gripper)]
-        shown = {line.unit: one.claim.column for one, line in alike if line.trust == SURE}
-        asked = [(one, line) for one, line in by_range if line.trust == ASK and not (one is alike[-1][0] and one.share)]
-        if len(shown) > 1 or not (shown or asked):
-            return {}
-        first, leading = (
-            max(asked, key=lambda pair: span(pair[0].values)) if asked else by_range[0] if by_range else alike[0]
+    def _stands_apart(self, one: Position) -> bool:
+        """Whether it is an opening or a share beside other joints that are none, as a gripper's is."""
+        others = [other for other in self.found if other is not one]
+        share = one.share and (one.gripper or any(encoder(other.values) for other in others))
+        return (one.opening and not all(other.opening for other in others)) or (
+            share and any(not other.share for other in others)
         )
-        unit = next(iter(shown), leading.unit)
-        name = shown.get(unit, first.claim.column)
-        out: dict[str, Line] = {}
-        for one, line in by_range:
-            if (line.trust == LIKELY or ((one, line) in asked and not shown)) and (line.unit != unit or not shown):
-                text, why = (
-                    quoted(one.claim.column) + ANGLE[unit],
-                    f"{reach(one.values)}; in the unit of {quoted(name)}",
-                )
-                told_by = Line(text, unit, LIKELY, f"{why}, whose steps are an encoder's") if shown else leading
-                out[one.claim.column] = told_by.but(text=text, why=told_by.why if shown else why)
-        return out
 
     def line(self, one: Position) -> Line:
         """A position, in the unit of the answer where its own is open."""
-        column = one.claim.column
-        asked = column in self.steps
-        line = position_line(one, "tick" if asked else one.claim.unit, one.claim.by)
-        if asked:
-            line = line.but(
-                ask=f"{STEPS}; those of a servo with 1024 steps over 300 degrees (SCS, AX) are {OF_FEW}"
-                if self.few
-                else STEPS
-            )
+        column, line = one.claim.column, self.lines[one.claim.column]
         if self.unit is None or one.claim.formula:
-            return line if asked or one.slide else self.together.get(column, line)
+            return line
         own = self._own(one.claim)
         if own or line.trust == SURE:
             return self._kept(column, line, own or line.unit)
-        if self.unit == PERCENT and not one.share:
+        if not self._fits(one):
             return line
         self.filled.add(column)
         if self.unit == PERCENT:
             why = f"unit= says percent, of the range that the robot's model has; {reach(one.values)}"
             return Line(quoted(column), PERCENT, SURE, why)
         if self.unit == TICKS:
-            return self._in_steps(one)
-        answered = position_line(replace(one, goals=()), self.unit, "unit=")
-        doubt = self._doubt(one, asked, line) if measures(self.unit, "angle") else ""
-        return answered.but(trust=ASK, ask=doubt) if doubt else answered
+            why = f"unit= says {TICKS}: {TURN} a turn, {ZERO} at 0 rad (assumed: edit them); {reach(one.values)}"
+            text = f"({quoted(column)} - {ZERO})*2*pi/{TURN}"
+            return Line(text, "tick", ASK if self.few else SURE, why, TURN_OF_FEW if self.few else "")
+        return position_line(one, self.unit, "unit=")
 
     def _own(self, claim: Claim) -> str:
         """The unit that a column says itself; steps and shares are what the answer is about."""
@@ -302,63 +257,29 @@ class Positions:
         self.against[column] = own
         return line.but(why=f"{line.why}; unit={self.unit} is for columns that say none")
 
-    def _doubt(self, one: Position, steps: bool, line: Line) -> str:
-        """Why an answer that is an angle may not be for a position; empty where it may."""
-        column = f"is {quoted(one.claim.column)} in {self.unit}, as unit= says?"
-        whole = one.gripper or (one.low < 0.1 and one.high > 0.9)
-        if line.trust == LIKELY and line.unit != self.unit and UNLIKE * span(one.values) < self.largest:
-            return f"{column} It goes from {reach(one.values)}, where another joint moves by {self.largest:.3g}"
-        if encoder(one.values) is None and one.opening and whole and not all(other.opening for other in self.found):
-            return (
-                f"in {self.unit}, as unit= says? These stay within 0 and 1, which other joints do not, as an opening "
-                "does: write low + <column>*(high - low) with the ends of its range in rad (slide: m)"
-            )
-        if encoder(one.values) is None and self.gridded and one.share:
-            return (
-                f"{column} It stays within 0 and 100 and shows no encoder's steps, which other joints do: as an "
-                f"opening in "
-                "percent is (unit=percent)"
-            )
-        if steps:
-            return f"are these in {self.unit}, as unit= says? Whole numbers within 0..4095 are steps (unit={TICKS})"
-        return ""
-
-    def _in_steps(self, one: Position) -> Line:
-        """A position that ``unit=ticks`` says to be in encoder steps."""
-        column, ask = quoted(one.claim.column), TURN_OF_FEW if self.few else ""
-        if one.slide:
-            ask = f"{column} is of a slide: how many m is a step, and which step is 0 m?"
-        elif not whole_numbers(one.values):
-            ask = f"is {column} in {TICKS}, as unit= says? Its values are no whole numbers"
-        elif max(abs(one.low), abs(one.high)) >= REGISTER:
-            ask = f"how many steps of {column} are a turn, and which one is 0 rad? It goes from {one.low:.0f} to "
-            ask += f"{one.high:.0f}"
-        why = (
-            f"unit= says {TICKS}: {TURN} a turn, {ZERO} at 0 rad (assumed: edit them); {one.low:.5g} to {one.high:.5g}"
-        )
-        return Line(f"({column} - {ZERO})*2*pi/{TURN}", "tick", ASK if ask else SURE, why, ask)
+    def _fits(self, one: Position) -> bool:
+        """Whether the answer can be for a position: what it cannot be for keeps its question."""
+        if self.unit == TICKS:
+            return whole_numbers(one.values) and one.far < REGISTER and not one.slide
+        if self.unit == PERCENT:
+            return one.share
+        steps = self.lines[one.claim.column].unit == "tick"
+        return not (measures(self.unit or "", "angle") and (steps or self._stands_apart(one)))
 
     def goal(self, claim: Claim, base: Line, goes: Relation) -> Line:
-        """A goal or a second position, in the unit of the answer where its own is open."""
+        """A goal or a second position, in its own unit, in that of the answer, or in that of the position."""
         if line := of_dialect(claim):
             return line
-        own, column = self._own(claim), quoted(claim.column)
-        line = goal_line(claim if own else replace(claim, unit=""), base, goes)
-        if self.unit is None:
+        if own := self._own(claim):
+            line = goal_line(claim, own, claim.by, base, goes)
+            return line if self.unit is None else self._kept(claim.column, line, own)
+        line = goal_line(claim, "", "", base, goes)
+        if self.unit is None or (self.unit == PERCENT and base.unit != PERCENT):
             return line
-        if own:
-            return self._kept(claim.column, line, own)
-        if self.unit != PERCENT or base.unit == PERCENT:
-            self.filled.add(claim.column)
-        known, other = measures(self.unit, *POSITION), measures(base.unit, *POSITION)
-        if base.trust == ASK or (known is None and base.unit != {TICKS: "tick", PERCENT: PERCENT}.get(self.unit)):
-            return line
-        size = goes.scale * (other.factor / known.factor if known and other else 1.0)
-        if goes.fit > TOLD_FIT and size > 0.0 and abs(math.log(size)) > math.log(SAME_UNIT):
-            ask = f"is {column} in {self.unit}, as unit= says? The position moves {goes.scale:.2f} times as far"
-            return line.but(trust=ASK, ask=ask)
-        text = column + known.behind if known else f"({column} - {ZERO})*2*pi/{TURN}" if self.unit == TICKS else column
-        return Line(text, self.unit if known else base.unit, SURE, f"unit= says {self.unit}")
+        self.filled.add(claim.column)
+        if measures(self.unit, "angle", "way") and base.trust != ASK:
+            return goal_line(claim, self.unit, "unit=", base, goes)
+        return line.but(trust=SURE, why=f"unit= says {self.unit}") if line.trust == LIKELY else line
 
     def check(self, source: Path) -> None:
         """Refuse an answer that no column has a use for.

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..types import COMMANDS, SIGNAL_UNITS, TOLD, Array
-from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked
+from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked, renamed
 from .clocks import find_clock
 from .dialects import Dialect, dialects
 from .expression import evaluate, hold, names_in, quoted
-from .goals import ACTIONS, action_line, differing_units, doubted, no_reading
-from .lines import ASK, LIKELY, SURE, TOLD_FIT, Line, counted_by_velocity, drive_line, goal_velocity_line, velocity_line
+from .goals import ACTIONS, action_line, differing_units, doubted
+from .lines import ASK, LIKELY, SURE, Line, counted_by_velocity, drive_line, goal_velocity_line, velocity_line
 from .lists import lists_of, put_lists
 from .mapping import Mapping, Question
-from .motion import Relation, as_derivative, following, move_apart, span
+from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
 from .positions import Position, Positions, bare
 from .recording import Recording
@@ -33,11 +32,6 @@ GARBAGE = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
 MOST_ACTIONS = 0.5
 """Share of the actions from which what these show holds for all: a policy gives one vector."""
-UNFOLLOWED = (
-    "is this the goal of the position beside it? The position does not move as it does. Keep the line if the joint "
-    "hardly "
-    "follows its goal, or is moved by its load; else give another column, or remove it"
-)
 AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
 
 
@@ -104,6 +98,7 @@ def propose(
     unit: str | None = None,
     slides: Collection[str] = frozenset(),
     known: Sequence[Dialect] | None = None,
+    joints: Collection[str] = (),
 ) -> Proposal:
     """Propose a mapping for recordings that have the same columns.
 
@@ -112,20 +107,23 @@ def propose(
         unit: of positions and goals, the answer to the question for it.
         slides: joints that are slides as the robot's file says.
         known: dialects; None: those that are installed.
+        joints: names of the robot's joints.
 
     Raises:
         LogError: each column says another unit than the answer.
     """
-    return _Proposer(recordings, unit, {bare(joint) for joint in slides}, dialects() if known is None else known).run()
+    known = dialects() if known is None else known
+    return _Proposer(recordings, unit, {bare(joint) for joint in slides}, known, joints).run()
 
 
 class _Proposer:
     """Claims become lines, joint by joint; what is read of one column is handed on to those that hang on it."""
 
     def __init__(
-        self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str], known: Sequence[Dialect]
-    ) -> None:
-        self.recordings, self.slides, self.known = recordings, slides, known
+        self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str], known: Sequence[Dialect],
+        joints: Collection[str],
+    ) -> None:  # fmt: skip
+        self.recordings, self.slides, self.known, self.robot = recordings, slides, known, joints
         self.first = max(recordings, key=lambda recording: recording.length)
         self.out, self.unit, self.time = Proposal(), unit, ""
         self.claimed = Claimed()
@@ -168,6 +166,8 @@ class _Proposer:
         taken = {*clock.unused, *names_in(clock.line.text), *(name for names in lists.values() for name in names)}
         self.claimed = placed(self.first, self.known, taken)
         put_lists(lists, self.claimed, self.first, self.clock(self.first))
+        measured = [joint for joint, own in self.claimed.groups.items() if own.get("position")]
+        self.claimed.groups = renamed(self.claimed.groups, spelled(measured, self.first.columns, self.robot))
         self.out.unused |= clock.unused | self.claimed.aside
         for name in self.claimed.nobodys:
             values = self.moved(name).columns[name]
@@ -241,10 +241,7 @@ class _Proposer:
         line = units.goal(claim, base, goes)
         if is_action(claim):
             line = self.actions[f"{joint}.goal"] = action_line(line, goes, steady, position.values, base)
-        line = doubted(line, goes, base, self.timed)
-        if goes.fit < TOLD_FIT and move_apart(self.clock(run), steady, position.values, TOLD_FIT):
-            line = line.asking("the position does not follow it", UNFOLLOWED, base)
-        line = no_reading(line, (claim.column, values), (position.claim.column, position.values))
+        line = doubted(line, base, goes, self.clock(run) if self.timed else None, steady, position.values)
         if sparse:
             text = line.text.replace(quoted(claim.column), f"hold({quoted(claim.column)})", 1)
             why = f"{line.why}; {int(known.sum())} of {len(values)} samples have a goal: each is held until the next"
@@ -345,47 +342,15 @@ class _Proposer:
         return seconds - seconds[0]
 
 
-def spelled(proposal: Proposal, columns: Collection[str], robot: Collection[str] = ()) -> Proposal:
-    """A proposal whose joints are called as in the robot's file; joints that it lacks as in the header, where that has
-    ``<joint>.<signal>``.
-
-    Args:
-        proposal: with joints whose names were put together from words.
-        columns: header of the file.
-        robot: names of the robot's joints.
-    """
+def spelled(joints: Collection[str], columns: Collection[str], robot: Collection[str]) -> dict[str, str]:
+    """Names of joints as in the robot's file; of those that it lacks as in the header, where that has
+    ``<joint>.<signal>``."""
     headers = {match[1] for name in columns if (match := AS_A_LOG.fullmatch(name))}
-    mine = Counter(bare(joint) for joint in proposal.joints)
     names: dict[str, str] = {}
-    for joint in proposal.joints:
-        for known in (robot, headers):
+    for joint in joints:
+        for known in (headers, robot):  # the robot's goes before
             alike = {name for name in known if bare(name) == bare(joint)}
             alike = alike or {name for name in known if bare(said(name).joint) == bare(joint)}  # dof_1, read as joint1
-            if len(alike) == 1 and mine[bare(joint)] == 1:
+            if len(alike) == 1 and [*map(bare, joints)].count(bare(joint)) == 1:
                 names[joint] = alike.pop()
-                break
-    return _renamed(proposal, {old: new for old, new in names.items() if old != new}, columns)
-
-
-def _renamed(proposal: Proposal, names: dict[str, str], columns: Collection[str]) -> Proposal:
-    """A proposal with other names of joints, in its lines and its questions."""
-    if not names:
-        return proposal
-
-    def column(name: str) -> str:
-        joint, _, signal = name.rpartition(".")
-        return f"{names.get(joint, joint)}.{signal}" if joint else name
-
-    words = dict(names) | {name: column(name) for name in proposal.columns} | {name: name for name in columns}
-    words |= {f"{old}.{signal}": f"{new}.{signal}" for old, new in names.items() for signal in COMMANDS}
-    pattern = "|".join(re.escape(word) for word in sorted(words, key=len, reverse=True))
-    spoken = re.compile(rf"(?<![\w.\]])(?:{pattern})(?![\w\[])")
-    questions = [
-        replace(one, about=tuple(map(column, one.about)), ask=spoken.sub(lambda match: words[match[0]], one.ask))
-        for one in proposal.questions
-    ]
-    return Proposal(
-        {column(name): line for name, line in proposal.columns.items()}, proposal.unused, questions,
-        {names.get(joint, joint) for joint in proposal.slides},
-        {names.get(joint, joint): kept for joint, kept in proposal.keep.items()},
-    )  # fmt: skip
+    return names

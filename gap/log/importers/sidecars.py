@@ -12,24 +12,24 @@ import yaml
 
 from ....actuators.chain import load_chain
 from ....actuators.published import PREFIX, as_recorded, drive_of
-from ....actuators.stages.controller import UNLIMITED
 from ....common.documents import parse_yaml
 from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
-from ....envs.described.robot_file import RobotFile, is_robot_file, load_robot_file
-from ....envs.robots import ROBOTS, get_robot
+from ....envs.described.robot_file import is_robot_file
+from ....envs.robots import ROBOTS
 from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
 from ..writer import FROM
-from .drives import Chain, impedance_chains, of_one_servo, shipped_chain
+from .drives import Chain, impedance_chains, of_one_servo, shipped_chain, with_gains
 from .mapping import Mapping as LogMapping
 from .names import Claim
 from .positions import PERCENT
 from .proposal import Proposal
 from .readers import read_source
 from .recording import Recording
+from .robot import asked_robot
 
 BENCH = "bench"
 A_SLIP = 0.8
@@ -59,7 +59,7 @@ actuators:  # FILL IN: what drives each joint: a name such as sts3215, bam:fit.j
 def proposed_sidecar(
     recordings: Sequence[Recording],
     proposal: Proposal,
-    robot: str | None,
+    robot: str,
     actuator: Chain | None,
     params: Mapping[str, float] | None = None,
     limits: Mapping[str, float] | None = None,
@@ -169,28 +169,24 @@ def beyond(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> dict[str,
 def _check_said(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> None:
     """A run's own sidecar adds to what the folder says of its machine, or says it otherwise; it takes nothing away."""
     file, apart = folder / FOLDER_DEFAULTS, "import it into a folder of its own."
-    there = str(said.get("robot") or "")
+    there, stated = str(said.get("robot") or ""), _mapping(run.meta.get("units"))
+    params, actuators, units = (_mapping(said.get(key)) for key in ("robot_params", "actuators", "units"))
     if there and run.robot and robot_beside(there, folder) != robot_beside(run.robot, folder):
         raise LogError(f"{file} is of the robot {there}, and {run.source} is imported for {run.robot}; {apart}")
-    params, actuators, units = (_mapping(said.get(key)) for key in ("robot_params", "actuators", "units"))
-    if run.robot_params and (more := [key for key in params if key not in run.robot_params]):
+    held = [f"gives robot_params.{key}" for key in params if run.robot_params and key not in run.robot_params]
+    held += [f"names an actuator of '{joint}'" for joint in actuators if joint not in run.joints]
+    held += [
+        f"says that {column} is in {unit}"
+        for column, unit in units.items()
+        if any(f".{name}".endswith(f".{column}") for name in run.columns())
+        and column not in stated
+        and FACTOR.get(str(unit)) != 1.0
+    ]
+    if held:
         raise LogError(
-            f"{file} gives robot_params.{more[0]} to every log of its folder, and this import of {run.source} does "
-            f"not; give it too, or {apart}"
+            f"{file} {held[0]} for every log of its folder, and the import of {run.source} does not; say it in the "
+            f"mapping too, or {apart}"
         )
-    if more := [joint for joint in actuators if joint not in run.joints]:
-        raise LogError(
-            f"{file} names an actuator of '{more[0]}' for every log of its folder, and {run.source} has no such joint; "
-            f"{apart}"
-        )
-    stated = _mapping(run.meta.get("units"))
-    for column, unit in units.items():
-        here = any(f".{name}".endswith(f".{column}") for name in run.columns())
-        if here and column not in stated and FACTOR.get(str(unit)) != 1.0:
-            raise LogError(
-                f"{file} says that {column} is in {unit} in every log of its folder, and the import of {run.source} "
-                f"does not; say its unit under sidecar in the mapping, or {apart}"
-            )
 
 
 def completed(run: MeasuredRun, said: Mapping[str, Any]) -> MeasuredRun:
@@ -240,59 +236,11 @@ def _without_load(runs: Sequence[MeasuredRun]) -> bool:
     return all(run.robot in ("", BENCH) and not run.robot_params for run in runs) and len(runs[0].joints) == 1
 
 
-def beside(name: str | None, out: Path) -> str | None:
+def beside(name: str, out: Path) -> str:
     """A file of a robot, a chain or a published fit as its path from the folder of the logs; a name as it is."""
-    prefix = PREFIX if name and name.startswith(PREFIX) else ""
-    if name and os.path.isfile(path := Path(name.removeprefix(prefix))):
-        return prefix + os.path.relpath(path.resolve(), out.resolve())
-    return name
-
-
-def checked_robot(robot: str | None, out: Path) -> str | None:
-    """The word for a robot.
-
-    Raises:
-        SealegsError: there is no robot of that name, or no such file.
-    """
-    if robot is None:
-        return None
-    if not is_robot_file(robot):
-        return get_robot(robot).name
-    if not (os.path.isfile(Path(robot)) or os.path.isfile(out / robot)):
-        raise LogError(f"robot={robot}: there is no such file; give the path of your robot's .yaml, .xml or .urdf.")
-    return robot
-
-
-def slides_of(robot: str | None, out: Path) -> frozenset[str]:
-    """Joints that the robot's file calls slides; none without such a file."""
-    if (found := _file_of(robot, out)) is None:
-        return frozenset()
-    joints = [*found.model.joints.values(), *found.joints]
-    return frozenset(joint.name for joint in joints if joint.kind == "slide")
-
-
-def joints_in_file(robot: str | None, out: Path) -> frozenset[str]:
-    """Joints of the robot's file, its model's too; none without such a file."""
-    found = _file_of(robot, out)
-    return _names_in(found) if found else frozenset()
-
-
-def limits_of(robot: str | None, out: Path) -> dict[str, float]:
-    """Largest torques that the robot's file gives the drives of joints [N.m]; none without such a file."""
-    found = _file_of(robot, out)
-    drives = {joint.name: joint.chain.find("ideal") for joint in found.joints} if found else {}
-    return {name: drive.torque_limit for name, drive in drives.items() if drive and drive.torque_limit < UNLIMITED}
-
-
-def _file_of(robot: str | None, out: Path) -> RobotFile | None:
-    """The robot of a file, from here or from the folder of the logs; None where the word is of no file."""
-    if robot is None or not is_robot_file(robot):
-        return None
-    return load_robot_file(Path(robot) if os.path.isfile(Path(robot)) else out / robot)
-
-
-def _names_in(robot: RobotFile) -> frozenset[str]:
-    return frozenset({*robot.model.joints, *(joint.name for joint in robot.joints)})
+    prefix = PREFIX if name.startswith(PREFIX) else ""
+    path = Path(name.removeprefix(prefix))
+    return prefix + os.path.relpath(path.resolve(), out.resolve()) if name and os.path.isfile(path) else name
 
 
 def check_machine(whole: Sequence[MeasuredRun], runs: Sequence[MeasuredRun]) -> None:
@@ -337,26 +285,6 @@ def _is_path(chain: str) -> bool:
     return chain.startswith(PREFIX) or Path(chain).suffix in (".yaml", ".yml")
 
 
-def joints_of_robot(runs: Sequence[MeasuredRun], out: Path) -> None:
-    """Refuse joints that the robot's file does not have, before anything is written.
-
-    Raises:
-        SealegsError: there is one, or the file cannot be read; the message names the nearest that it has.
-    """
-    for run in runs:
-        path = Path(os.path.normpath(out / run.robot))  # the folder need not exist yet
-        if not (is_robot_file(run.robot) and os.path.isfile(path)):
-            continue
-        robot = load_robot_file(path)
-        known = _names_in(robot)
-        for joint in run.joints:
-            if joint not in known:
-                raise LogError(
-                    f"{run.name}: {path.name} has no joint '{joint}'{nearest(joint, known)}; it has "
-                    f"{', '.join(sorted(known))}. Rename it under columns in the mapping, or leave it out."
-                )
-
-
 def answered(
     mapping: LogMapping,
     out: Path,
@@ -373,7 +301,7 @@ def answered(
         SealegsError: there is no such robot or chain.
     """
     sidecar: dict[str, Any] = dict(mapping.sidecar)
-    if robot := beside(checked_robot(robot, out), out):
+    if robot := beside(asked_robot(robot, out).word, out):
         sidecar["robot"] = robot
     if params:
         sidecar["robot_params"] = {**(sidecar.get("robot_params") or {}), **params}
@@ -386,13 +314,13 @@ def answered(
 def asked_chain(
     actuator: str | None, out: Path, joints: Sequence[str], recording: Callable[[], Recording]
 ) -> Chain | None:
-    """The chain that a call asks for, set as the recording of one servo says, or as it lies beside the logs.
+    """The chain that a call asks for, set as the recording says, or as it lies beside the logs.
 
     Args:
         actuator: word for it.
         out: folder of the logs.
         joints: that it drives.
-        recording: reads one of those that it is for, which is done only for a chain whose drive is known.
+        recording: reads one of those that it is for, which is done only for a chain that it may set.
 
     Raises:
         SealegsError: there is no such chain.
@@ -402,4 +330,7 @@ def asked_chain(
     chain, drive = load_chain(actuator), drive_of(actuator)
     if drive is not None and of_one_servo(first := recording(), joints) and "kp" in first.facts:
         return as_recorded(drive, chain.to_list(), first.facts)
+    if drive is None and chain.find("ideal") is not None:
+        own = with_gains(chain.to_list(), recording().facts)
+        return own if own != chain.to_list() else beside(actuator, out)
     return beside(actuator, out)

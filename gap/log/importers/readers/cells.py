@@ -31,6 +31,8 @@ GROUPED = {
 }
 """Numbers with grouped thousands, by the sign of their decimals."""
 QUANTITY = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,;:+-]\S*)\Z")
+FORMULA = re.compile(r"[=@]\s*[\w+(-]")
+"""What a spreadsheet would compute, or run: ``=A1*2``, ``=cmd|calc``."""
 CLOCK = re.compile(
     r"(?:(?P<days>\d+) days? )?(?:(?P<hours>\d{1,3}):)?(?P<minutes>\d{1,2}):(?P<seconds>\d{1,2}(?:[.,]\d+)?)"
     r"\s*(?P<half>[AaPp][Mm])?\Z"
@@ -135,6 +137,13 @@ def _take_text(name: str, cells: Sequence[str], out: Cells) -> None:
         out.columns[f"{name} [{units.pop()}]"] = np.array([(quantity(cell) or (np.nan,))[0] for cell in cells])
         return
     reader, seconds = _reader(known)
+    if formula := next((cell for cell in known if FORMULA.match(cell)), ""):
+        out.notes.append(
+            f"{name} has formulas of a spreadsheet, which are not computed ({formula[:20]!r}): export values"
+        )
+    if reader is None and formula:
+        out.left[name] = f"it holds formulas of a spreadsheet, which are not computed: export values ({formula[:20]!r})"
+        return
     if reader is None:
         words = list(dict.fromkeys(known[:LOOKED_AT]))
         named = ", ".join(repr(word[:20]) for word in words[:3]) + ", ..." * (len(words) > 3)

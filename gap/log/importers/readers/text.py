@@ -16,7 +16,7 @@ from .....common.documents import RECORDING, DocumentError, read_bytes
 from ...types import LogError
 from ..recording import NoRecording
 from ..units import unit_of
-from .cells import CLOCK, DATED, GROUPED, LIST, LONGEST_CELL, PLAIN, quantity
+from .cells import CLOCK, DATED, FORMULA, GROUPED, LIST, LONGEST_CELL, PLAIN, quantity
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
@@ -78,7 +78,11 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     if encoding == "cp1252":
         layout.notes.append("the file is read as Windows text (cp1252), for it is no UTF-8")
     if layout.words:
-        raise NoRecording(f"{path}: has no column of numbers; export it as CSV with one header line, or as Parquet.")
+        computed = any(FORMULA.match(cell.strip(" \"'")) for line in lines[:HEAD] for cell in _split(line, ","))
+        what = "holds formulas of a spreadsheet, which are not computed; export values" if computed else (
+            "has no column of numbers; export it as CSV with one header line, or as Parquet"
+        )  # fmt: skip
+        raise NoRecording(f"{path}: {what}.")
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     for row in _rows(lines, layout, path):
