@@ -308,8 +308,6 @@ def test_without_the_library_the_extra_and_the_other_way_are_named(
 
 
 MADE = motion(5.0, 100.0)
-
-
 T, G, Q = (MADE[name].tolist() for name in ("time", "goal", "smooth"))
 
 

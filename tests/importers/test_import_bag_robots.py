@@ -16,14 +16,8 @@ from tests.importers.test_import import motion
 from tests.importers.test_import_bags import START, Bag
 
 LIST = "std_msgs/msg/Float64MultiArray"
-
-
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
-
-
 TIME = np.arange(600) * 0.01
-
-
 Signals = Sequence[np.ndarray]
 
 

@@ -17,14 +17,8 @@ from sealegs.gap.log.importers.proposal import propose
 from tests.importers.test_import import motion
 
 START = 1.7e9
-
-
 STATES, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
-
-
 DYNAMIC = "control_msgs/msg/DynamicJointState"
-
-
 Points = Sequence[tuple[float, Sequence[float], Sequence[float]]]
 
 
@@ -217,20 +211,10 @@ def test_a_trajectory_without_points_is_listed(tmp_path: Path) -> None:
 
 
 BEGIN = 1.7e9
-
-
 JOINT_STATES = "sensor_msgs/msg/JointState"
-
-
 STATE, DYNAMIC = "control_msgs/msg/JointTrajectoryControllerState", "control_msgs/msg/DynamicJointState"
-
-
 INTERFACES = "control_msgs/msg/InterfaceValue"
-
-
 NEW, OLD = ("reference", "feedback", "error", "output"), ("desired", "actual", "error")
-
-
 NAMES = ("shoulder_joint", "elbow_joint")
 
 

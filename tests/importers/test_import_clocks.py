@@ -63,14 +63,8 @@ def test_stamps_since_1970_tell_their_unit(tmp_path: Path) -> None:
 
 
 FIRST = 1_714_500_000
-
-
 RUN = motion(8.0, 100.0)
-
-
 OTHER = motion(8.0, 100.0, seed=3)
-
-
 TIME, GOAL, ANGLE = RUN["time"], RUN["goal"], RUN["smooth"]
 
 

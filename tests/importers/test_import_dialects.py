@@ -13,14 +13,8 @@ from sealegs.gap.log.importers.names import said
 from tests.importers.importing import ANGLE, LATE, TIME, proposed, spoken, table
 
 CURRENT = 3.0 * np.gradient(LATE, TIME)
-
-
 SECOND = np.sin(5.0 * TIME) * 0.4  # a second joint, which moves otherwise
-
-
 SECOND_LATE = np.interp(TIME - 0.05, TIME, SECOND)
-
-
 HELD = 0.0 * TIME
 
 
@@ -111,8 +105,6 @@ def two(form: str, first: np.ndarray, second: np.ndarray) -> dict[str, np.ndarra
 
 
 ROBOT = two("dof_pos[{}]", LATE, SECOND_LATE)
-
-
 TORQUES = (np.sin(9.0 * TIME), np.cos(9.0 * TIME))
 
 
@@ -174,8 +166,6 @@ def test_a_torque_that_a_controller_computed_is_no_command_beside_a_goal(tmp_pat
 
 
 SIZES = (1.0, 0.6)
-
-
 PUSH = np.gradient(np.gradient(LATE, TIME), TIME) + 3.0 * np.sin(LATE)
 
 

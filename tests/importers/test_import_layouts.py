@@ -16,14 +16,8 @@ from tests.importers.test_import import motion, table
 from tests.importers.test_import_tables import texts_of
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
-
-
 M, N = motion(5.0, 100.0, seed=1), motion(5.0, 100.0, seed=2)
-
-
 TIME = M["time"]
-
-
 DEG = {"goal_deg": np.degrees(M["goal"]), "pos_deg": np.degrees(M["smooth"])}
 
 
@@ -184,8 +178,6 @@ def imported(folder: Path, name: str, out: Path, **said: object) -> Path:
 
 
 LOAD = {"mass": 0.5, "length": 0.1}
-
-
 BENCH = {"robot": "bench", "robot_params": LOAD, "actuators": {"joint": "sts3215"}}
 
 

@@ -18,11 +18,7 @@ from tests.importers.importing import ANGLE, LATE, TIME, asked, proposed, table
 from tests.importers.test_import import motion
 
 A_TURN = 2.0 * np.pi
-
-
 OTHER = 0.5 * np.cos(3.3 * TIME) + 0.2 * np.sin(7.7 * TIME)
-
-
 OTHER_LATE = 0.5 * np.cos(3.3 * (TIME - 0.04)) + 0.2 * np.sin(7.7 * (TIME - 0.04))
 
 
@@ -125,8 +121,6 @@ def test_a_commanded_velocity_in_another_ratio_stays_and_is_told() -> None:
 
 
 STEP_OF_FEW = np.radians(300.0) / 1024
-
-
 FAST = np.gradient(LATE, TIME)
 
 
@@ -222,8 +216,6 @@ def test_an_opening_from_0_to_1_is_asked_about_where_other_joints_are_angles(tmp
 
 
 DEFAULTS = (0.1, 0.8, -1.5)
-
-
 MADE = [motion(10.0, 50.0, 0.04, seed=seed) for seed in (3, 4, 5)]
 
 

@@ -14,11 +14,7 @@ from sealegs.gap.log.importers.names import said
 from tests.importers.test_import import motion, table
 
 MOTIONS = [motion(5.0, 100.0, seed=seed) for seed in range(3)]
-
-
 TIME = MOTIONS[0]["time"]
-
-
 UNIX = 1.7e9
 
 

@@ -23,7 +23,6 @@ OF_A_MOTOR = frozenset(["torque", "torque_command", "current", "voltage", "tempe
 """Signals of a motor that are of its joint, too; a motor's angle and speed are before a gear."""
 ARM = re.compile(r"(?:(.*)_)?(?:(leader|master)|(follower|puppet|slave))_?(.*)", re.IGNORECASE)
 """Arms of which one is led by hand and the other follows it."""
-NUMBERED = re.compile(r"(.*?)_?(\d+)")
 BEFORE = re.compile(r"(?<![A-Za-z0-9.])(?P<number>\d+(?:_\d+)?)(?P<unit>[A-Za-zµμ°]{2,})(?![A-Za-z0-9])")
 """``current_5mA``: a unit with its number, or of joint 5."""
 
@@ -152,7 +151,6 @@ def placed(recording: Recording, known: Sequence[Dialect], skipped: Iterable[str
         out.groups.setdefault(claim.joint, {}).setdefault(claim.signal, []).append(claim)
     _unnamed_positions(out)
     _join_names(out)
-    _join_strays(out.groups)
     return out
 
 
@@ -210,8 +208,7 @@ def _unnamed_positions(out: Claimed) -> None:
 
 def _join_names(out: Claimed) -> None:
     """Joints that are one by their names under one, and a name for the one that has none beside others."""
-    for names in (_series(out.groups), _endings(out.groups)):
-        out.groups = renamed(out.groups, names)
+    out.groups = renamed(out.groups, _owners(out.groups))
     names = {}
     if len(out.groups) > 1 and "position" in out.groups.get("", {}) and ONLY_JOINT not in out.groups:
         names[""] = ONLY_JOINT
@@ -229,58 +226,30 @@ def renamed(groups: Groups, names: Mapping[str, str]) -> Groups:
     return out
 
 
-def _series(groups: Groups) -> dict[str, str]:
-    """``torques[0]`` and ``motor0`` go to the only joints that are numbered alike and have positions; new name by
-    old."""
-    series: dict[str, dict[int, str]] = {}
-    for joint in groups:
-        if match := NUMBERED.fullmatch(joint):
-            series.setdefault(match[1], {})[int(match[2])] = joint
+def _owners(groups: Groups) -> dict[str, str]:
+    """What has no position goes to the only joint with one whose name ends as its own; new name by old one.
+
+    Words such as ``joint`` and ``motor`` name none: ``torques[0]`` is of ``leg0``, ``elbow_cmd`` of ``joint_elbow``. A
+    motor's speed is before a gear, and stays.
+    """
     names: dict[str, str] = {}
-    for stem, own in series.items():
-        if not (stem == ONLY_JOINT or is_a("vague", stem.lower())) or any(
-            "position" in groups[one] for one in own.values()
-        ):
+    measured = {joint: _words_of(joint) for joint, own in groups.items() if own.get("position")}
+    for joint, own in groups.items():
+        words = _words_of(joint)
+        homes = [home for home, its in measured.items() if its[len(its) - len(words) :] == words]
+        exact = [home for home in homes if measured[home] == words]
+        homes = exact if len(exact) == 1 else homes
+        of_motor = "motor" not in joint.lower() or not own.keys() - OF_A_MOTOR
+        if joint in measured or len(homes) != 1 or not of_motor or own.keys() & groups[homes[0]].keys():
             continue
-        if stem != ONLY_JOINT and any(groups[one].keys() - OF_A_MOTOR for one in own.values()):
-            continue
-        homes = [other for other in series.values() if other is not own and own.keys() == other.keys()
-                 and any("position" in groups[one] for one in other.values())]  # fmt: skip
-        if len(homes) == 1 and not any(groups[own[k]].keys() & groups[homes[0][k]].keys() for k in own):
-            names |= {own[k]: homes[0][k] for k in own}
+        plainly = joint != homes[0] and plain(joint) and [joint] == homes[0].split("_")[1:]  # A1 beside Joint_A1
+        names |= {joint: joint if plainly else homes[0]} | ({homes[0]: joint} if plainly else {})
     return names
 
 
-def _endings(groups: Groups) -> dict[str, str]:
-    """Commands of ``elbow`` go with ``joint_elbow``; the shorter name stays. New name by old one, of both."""
-
-    def near(joint: str, other: str) -> bool:
-        return any(one and two.endswith(f"_{one}") for one, two in ((joint, other), (other, joint)))
-
-    measured = [joint for joint, own in groups.items() if "position" in own and not own.keys() & {*COMMANDS}]
-    without = [joint for joint, own in groups.items() if "position" not in own and own.keys() & {*COMMANDS}]
-    names: dict[str, str] = {}
-    for joint in measured:
-        found = [other for other in without if near(joint, other)]
-        if len(found) == 1 and found[0] not in names and sum(near(other, found[0]) for other in measured) == 1:
-            names[joint] = names[found[0]] = min(joint, found[0], key=len)
-    for joint in groups:  # Joint_A1 of JointPosition_A1 is A1, where another column calls it so
-        first, _, rest = joint.partition("_")
-        if rest and is_a("vague", first.lower()) and rest in groups and not groups[joint].keys() & groups[rest].keys():
-            names.setdefault(joint, rest)
-    return names
-
-
-def _join_strays(groups: Groups) -> None:
-    """What drives a joint goes to the only position there is where its name names none."""
-    measured = [joint for joint, signals in groups.items() if signals.get("position")]
-    if len(measured) != 1:
-        return
-    own = groups[measured[0]]
-    for joint, signals in groups.items():
-        for signal in (*COMMANDS, "velocity", "goal_velocity"):
-            if joint != measured[0] and not plain(joint) and signal in signals and signal not in own:
-                own[signal] = signals.pop(signal)
+def _words_of(joint: str) -> list[str]:
+    """Words and numbers of a joint's name without those that name none."""
+    return [word for word in re.findall(r"[^\W\d_]+|\d+", joint.lower()) if not is_a("joint", word)]
 
 
 # --- one of several --------------------------------------------------------------------------------------------------

@@ -218,7 +218,8 @@ def _is_arithmetic(node: ast.AST, names: Mapping[str, str]) -> bool:
 
 def _value(node: Any, values: Mapping[str, Any], text: str) -> Any:
     if isinstance(node, ast.Constant):
-        return float(node.value) if abs(node.value) < 1e300 else math.inf
+        number: Any = node.value
+        return float(number) if abs(number) < 1e300 else math.inf
     if isinstance(node, ast.Name):
         return values[node.id]
     if isinstance(node, ast.Call):

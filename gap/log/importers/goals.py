@@ -48,7 +48,7 @@ def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Ar
         time: of the samples [s], None where it is not known.
         goal, position: their columns as logged (n,).
     """
-    clock = np.arange(len(goal)) * 0.01 if time is None else time
+    clock = np.arange(len(goal), dtype=np.float64) * 0.01 if time is None else time
     late = f"{1e3 * abs(goes.lag):.0f} ms"
     if goes.fit < TOLD_FIT and move_apart(clock, goal, position, TOLD_FIT):
         return line.asking("the position does not follow it", UNFOLLOWED, base)

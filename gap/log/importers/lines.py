@@ -15,7 +15,7 @@ from ..units import FACTOR, behind
 from .expression import names_in, quoted, signed_reading
 from .motion import Relation, span, whole_numbers
 from .names import Claim, words_of
-from .units import TEMPERATURES, WORDS, Measure, measures, unit_of
+from .units import TEMPERATURES, WORDS, measures, unit_of
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 ANGLE, WAY = behind("rad", "deg", "mrad", "turn"), behind("m", "mm", "cm")
@@ -33,9 +33,8 @@ PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage":
 FULL_DUTY = (885.0, 1000.0, 1023.0, 100.0, 255.0)
 TOLD_FIT, RATE_FIT = 0.3, 0.7
 """Shares of a motion that its goal, of a velocity that the derivative explains, from which their sizes are compared."""
-SAME_UNIT, ANOTHER_UNIT = 2.5, 5.0
-"""Factors within which a velocity is in the unit that it says, and from which a goal may be in another one: rad and
-turns, the nearest two, are 6.3 apart."""
+ANOTHER_UNIT = 5.0
+"""Factor from which a goal may be in another unit than its position: rad and turns, the nearest two, are 6.3 apart."""
 NEAR, ROUGH = 1.05, 1.3
 """A velocity is in the unit in which it is within the first factor of what the position does; within the second, it
 may be."""
@@ -198,87 +197,71 @@ def velocity_line(claim: Claim, values: Array, goes: Relation | None, base: Line
     """
     if line := of_dialect(claim):
         return line
-    column, unit = quoted(claim.column), per_second(claim)
-    rate = measures(unit, "rate", "speed")
-    along = goes is not None and goes.fit > RATE_FIT
+    column, unit, by = quoted(claim.column), per_second(claim), claim.by
+    rate, factor, rates = measures(unit, "rate", "speed"), _si(base), _rates(base)
     if unit == "erpm":
         ask = "how many pole pairs times gear ratio make these electrical rpm those of the joint? Divide by that number"
         return Line(f"{column}*2*pi/60", unit, ASK, "electrical rpm", ask)
-    if base.unit == "percent" and not unit:
-        ask = (
-            f"in which unit is {column}? Its position is in percent: write it in rad/s (slide: m/s), or remove the line"
-        )
-        return Line(column, "?", ASK, "no unit is said, and the position is in percent", ask)
-    if goes is None and not unit:
-        own = _own_rate(base)
-        return Line(column + RATE[own], own, ASK, f"no unit is said; taken for {own}", UNTIMED)
-    if goes is not None and along and goes.scale > 0.0 and base.unit != "percent":
-        found = _by_derivative(claim, unit, rate, goes, base)
-    elif rate:
-        against = "; it goes against the derivative of the position" * along
-        found = Line(column + rate.behind, unit, LIKELY if against else SURE, f"{claim.by} says {unit}{against}")
-    else:
-        no_unit = f"{claim.by} says {unit}, which is no unit of a velocity" if unit else "no unit is said"
-        how = "goes against" if along else "does not go with"
-        found = Line(column, "?", ASK, f"{no_unit}, and it {how} the derivative of the position")
-    if found.trust == ASK and (signed := signed_reading(claim.column, values)):
-        more = f"With its sign it is {signed}: write that, and the unit of a count behind it"
-        return found.but(ask=f"{found.ask or found.why}. {more}")
-    return found
-
-
-def _by_derivative(claim: Claim, unit: str, rate: Measure | None, goes: Relation, base: Line) -> Line:
-    """A velocity that goes with the derivative of its position: the unit that is said, or the one that its size is."""
-    column, known = quoted(claim.column), measures(base.unit, *POSITION)
-    turn = float(base.text.rpartition("*2*pi/")[2]) if base.unit == "tick" else 1.0
-    per = goes.scale / (known.factor if known else 2.0 * math.pi / turn if base.unit == "tick" else 1.0)
-    shown = f"it is {goes.scale:.3g} times the derivative of the position as logged"
-    best = min(_rates(base), key=lambda one: _off(per * FACTOR[one]))
-    off = _off(per * FACTOR[best])
+    if unit and not rate:
+        return _without_unit(claim, values, f"{by} says {unit}, which is no unit of a velocity")
+    own = f"{base.unit}/s" if f"{base.unit}/s" in rates else next(iter(rates))
+    if not rate and (goes is None or base.trust == ASK):
+        why = "its unit hangs on that of the position" if base.trust == ASK else f"no unit is said; taken for {own}"
+        return Line(column + rates[own][0], own, ASK, why, base.ask if base.trust == ASK else UNTIMED)
+    if goes is None or goes.fit <= RATE_FIT or goes.scale <= 0.0 or not factor:
+        against = goes is not None and goes.fit > RATE_FIT and goes.scale < 0.0
+        how = f"it {'goes against' if against else 'does not go with'} the derivative of the position"
+        if not rate:
+            return _without_unit(claim, values, f"no unit is said, and {how}")
+        why = f"{by} says {unit}" + f"; {how}" * against
+        return Line(column + rate.behind, unit, LIKELY if against else SURE, why)
+    per, shown = goes.scale / factor, f"it is {goes.scale:.3g} times the derivative of the position as logged"
+    best = min(rates, key=lambda one: _off(per * rates[one][1]))
+    off, trust = _off(per * rates[best][1]), base.trust
+    if rate and _off(per * rate.factor) > off + 0.01:
+        return Line(column + rate.behind, unit, ASK, f"{by} says {unit}, but {shown}, as {best} would be")
     if rate:
-        own = _off(per * rate.factor)
-        if own > min(math.log(SAME_UNIT), off + 0.01):
-            return Line(column + rate.behind, unit, ASK, f"{claim.by} says {unit}, but {shown}, as {best} would be")
-        return Line(
-            column + rate.behind, unit, SURE if own < math.log(ROUGH) else LIKELY, f"{claim.by} says {unit}; {shown}"
-        )
-    if unit:
-        return Line(column, "?", ASK, f"{claim.by} says {unit}, which is no unit of a velocity, and {shown}")
-    if base.unit == "tick":
-        same = _off(goes.scale) < math.log(NEAR)
-        text = f"{column}*2*pi/{turn:.0f}" if same else f"{column}*{2.0 * math.pi / turn / goes.scale:.4g}"
-        ask = "" if same and base.trust != ASK else base.ask or f"how many rad/s is a count of {column}? {shown}"
-        return Line(text, "tick/s", ASK if ask else LIKELY, f"{shown}: {'steps a second' if same else 'in rad/s'}", ask)
-    if base.trust == ASK:
-        own = measures(f"{base.unit}/s", "rate", "speed")
-        text = column + (own.behind if own else RATE[best])
-        return Line(text, best, ASK, "its unit hangs on that of the position", base.ask)
+        trust = SURE if _off(per * rate.factor) < math.log(ROUGH) else LIKELY
+        return Line(column + rate.behind, unit, trust, f"{by} says {unit}; {shown}")
     if off < math.log(NEAR):
-        return Line(column + RATE[best], best, base.trust, f"{shown}: {best}")
-    if off < math.log(ROUGH):
-        ratio = per * FACTOR[best]
-        ask = f"is {column} in {best}? No unit is said, and in {best} it is {ratio:.3g} times what the position does"
-        return Line(column + RATE[best], best, ASK, shown, ask)
-    return Line(column, "?", ASK, f"no unit is said, and {shown}")
+        return Line(column + rates[best][0], best, trust, f"{shown}: {best}")
+    ask = f"how many rad/s (slide: m/s) is one of {column}? No unit is said, and {shown}"
+    return Line(f"{column}*{1.0 / per:.4g}", "?", ASK, shown, ask)
 
 
-def _rates(base: Line) -> tuple[str, ...]:
-    """Units that the velocity beside a position may be in: the usual ones, and that of the position a second."""
-    own = f"{base.unit}/s"
-    return tuple(dict.fromkeys([*(SLIDING if measures(base.unit, "way") else TURNING), *[own] * (own in RATE)]))
+def _without_unit(claim: Claim, values: Array, why: str) -> Line:
+    """A question for a velocity, with how its register keeps a sign."""
+    signed = signed_reading(claim.column, values)
+    more = f". With its sign it is {signed}: write that, and the unit of a count behind it" if signed else ""
+    return Line(quoted(claim.column), "?", ASK, why, why + more)
 
 
-def _own_rate(base: Line) -> str:
-    rates = _rates(base)
-    return next((rate for rate in rates if rate == f"{base.unit}/s"), rates[0])
+def _si(base: Line) -> float:
+    """What one of a position is in rad or m; 0 where nobody knows."""
+    known = measures(base.unit, *POSITION)
+    return (
+        known.factor if known else 2.0 * math.pi / float(base.text.rpartition("/")[2]) if base.unit == "tick" else 0.0
+    )
+
+
+def _rates(base: Line) -> dict[str, tuple[str, float]]:
+    """Units that the velocity beside a position may be in, with what is behind its column and their factor: the usual
+    ones, and that of the position a second."""
+    units = SLIDING if measures(base.unit, "way") else TURNING
+    found = {unit: (RATE[unit], FACTOR[unit]) for unit in (*units, *[f"{base.unit}/s"] * (f"{base.unit}/s" in RATE))}
+    if base.unit == "tick":
+        found["tick/s"] = f"*2*pi/{base.text.rpartition('/')[2]}", _si(base)
+    return found
 
 
 def goal_velocity_line(claim: Claim, values: Array, goes: Relation | None, goal: Line) -> Line:
     """A velocity that is commanded beside a goal; it need not be the goal's derivative."""
     line = velocity_line(claim, values, goes, goal)
     if line.trust == ASK and not told(claim.unit) and measures(goal.unit, *POSITION):
-        unit = _own_rate(goal)
-        return Line(quoted(claim.column) + RATE[unit], unit, LIKELY, f"no unit is said; taken for {unit}, as its goal")
+        unit, (behind, _) = next((one for one in _rates(goal).items() if one[0] == f"{goal.unit}/s"), ("", ("", 0.0)))
+        if unit:
+            why = f"no unit is said; taken for {unit}, as its goal"
+            return Line(quoted(claim.column) + behind, unit, LIKELY, why)
     return line.but(why=line.why.replace("of the position", "of the goal"))
 
 
