@@ -202,7 +202,7 @@ def test_joints_of_several_rates_are_joined_on_the_slowest_clock(tmp_path: Path)
     (source / "shoulder.csv").write_text("\n".join([head, *rows[::5]]))
     robot = robot_of(tmp_path, "shoulder", "elbow")
     proposed = propose_for(source, tmp_path / "out", "rad", robot=str(robot))
-    assert "on 'time' of shoulder.csv, the slowest (elbow.csv at 100 Hz, shoulder.csv at 20 Hz); " in proposed.text
+    assert "on 'time' of shoulder.csv, the slowest; " in proposed.text
     (one,) = proposed.recordings
     np.testing.assert_allclose(one.columns["time"], UNIX + TIME[::5], atol=1e-3)
     for joint, motion_of in zip(("elbow", "shoulder"), MOTIONS, strict=False):

@@ -234,14 +234,14 @@ def import_logs(
         if (run.meta.get("units") or {}).get(name, "rad") in ("rad", "m")
     )
     shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
-    text, missing = text_with_blanks(shared, runs), blanks(whole)
+    missing = blanks(whole)
     there = _there(runs, own, out)
     left += [f"{run.name} is in {out} already" for run in runs if run.name in there]
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
     out.mkdir(parents=True, exist_ok=True)
     if not sidecar.exists() and (shared or missing):  # before the logs, which it describes
-        write_text(sidecar, text)
+        write_text(sidecar, text_with_blanks(shared, missing))
     files = []
     for run, content in zip(runs, own, strict=True):
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

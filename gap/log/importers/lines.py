@@ -205,9 +205,10 @@ def velocity_line(claim: Claim, values: Array, goes: Relation | None, base: Line
     if unit and not rate:
         return _without_unit(claim, values, f"{by} says {unit}, which is no unit of a velocity")
     own = f"{base.unit}/s" if f"{base.unit}/s" in rates else next(iter(rates))
-    if not rate and (goes is None or base.trust == ASK):
-        why = "its unit hangs on that of the position" if base.trust == ASK else f"no unit is said; taken for {own}"
-        return Line(column + rates[own][0], own, ASK, why, base.ask if base.trust == ASK else UNTIMED)
+    hangs = base.trust == ASK and base.unit != "tick"
+    if not rate and (goes is None or hangs):
+        why = "its unit hangs on that of the position" if hangs else f"no unit is said; taken for {own}"
+        return Line(column + rates[own][0], own, ASK, why, base.ask if hangs else UNTIMED)
     if goes is None or goes.fit <= RATE_FIT or goes.scale <= 0.0 or not factor:
         against = goes is not None and goes.fit > RATE_FIT and goes.scale < 0.0
         how = f"it {'goes against' if against else 'does not go with'} the derivative of the position"
@@ -224,7 +225,7 @@ def velocity_line(claim: Claim, values: Array, goes: Relation | None, base: Line
         trust = SURE if _off(per * rate.factor) < math.log(ROUGH) else LIKELY
         return Line(column + rate.behind, unit, trust, f"{by} says {unit}; {shown}")
     if off < math.log(NEAR):
-        return Line(column + rates[best][0], best, trust, f"{shown}: {best}")
+        return Line(column + rates[best][0], best, trust, f"{shown}: {best}", base.ask)
     ask = f"how many rad/s (slide: m/s) is one of {column}? No unit is said, and {shown}"
     return Line(f"{column}*{1.0 / per:.4g}", "?", ASK, shown, ask)
 

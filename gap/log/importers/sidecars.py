@@ -42,6 +42,7 @@ UNMEASURED = {
 }
 UNITS = {"mass": "kg", "length": "m", "arm_mass": "kg", "kp": "1", "vin": "V", "damping": "1", "max_amps": "A"}
 """Of the numbers that a recording of one servo says."""
+HEAD = "# What holds for every log of this folder (docs: Measured log). FILL IN marks what the files do not say.\n"
 BLANK_ROBOT = """\
 robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
 """
@@ -203,37 +204,25 @@ def _mapping(value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def text_with_blanks(content: Mapping[str, Any], runs: Sequence[MeasuredRun]) -> str:
-    """A folder's sidecar with a line for each thing that must be filled in, and what belongs there."""
-    lines = ["# What holds for every log of this folder (docs: Measured log). FILL IN marks what the files do not say."]
-    known = {key: value for key, value in content.items() if value not in ("", {}, None)}
-    everywhere = set().union(*(own.actuators for own in runs))
-    joints = list(runs[0].joints)
-    if "robot" not in known and not all(run.robot for run in runs):
-        lines.append(BLANK_ROBOT.rstrip())
-    of = "" if known.get("robot") == BENCH else " of a bench"
-    load = BLANK_LOAD.format(of=of, arm=ARM) if _without_load(runs) else ""
-    # a robot's file has the chains of its joints
-    missing = [] if is_robot_file(str(known.get("robot", ""))) else [j for j in joints if j not in everywhere]
-    text = load + (yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else "")
-    if missing and not everywhere:
-        text += BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in missing)
-    return "\n".join(lines) + "\n" + text
-
-
-def blanks(runs: Sequence[MeasuredRun]) -> list[str]:
-    """What must be filled in before the logs can be diagnosed."""
-    run = runs[0]
-    out = [] if run.robot else ["robot"]
-    if _without_load(runs):
-        out.append("robot_params" if run.robot else "robot_params (of a bench)")
+def blanks(runs: Sequence[MeasuredRun]) -> dict[str, str]:
+    """What must be filled in before the logs can be diagnosed, with the lines of ``log.yaml`` that stand for it."""
+    run, out = runs[0], {}
+    if not all(one.robot for one in runs):
+        out["robot"] = BLANK_ROBOT
+    if len(run.joints) == 1 and all(one.robot in ("", BENCH) and not one.robot_params for one in runs):
+        of = "" if run.robot else " of a bench"
+        out["robot_params" + " (of a bench)" * (not run.robot)] = BLANK_LOAD.format(of=of, arm=ARM)
     driven = [joint for joint, log in run.joints.items() if log.goal is not None and joint not in run.actuators]
-    return out + (["actuators"] if driven and not is_robot_file(run.robot) else [])
+    if driven and not is_robot_file(run.robot):  # a robot's file has the chains of its joints
+        out["actuators"] = BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in driven)
+    return out
 
 
-def _without_load(runs: Sequence[MeasuredRun]) -> bool:
-    """Whether these may be of a bench, and none says what hangs on its shaft."""
-    return all(run.robot in ("", BENCH) and not run.robot_params for run in runs) and len(runs[0].joints) == 1
+def text_with_blanks(content: Mapping[str, Any], blank: Mapping[str, str]) -> str:
+    """A folder's sidecar with a line for each thing that must be filled in, and what belongs there."""
+    known = {key: value for key, value in content.items() if value not in ("", {}, None)}
+    said = yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else ""
+    return HEAD + "".join(lines for name, lines in blank.items() if name not in known) + said
 
 
 def beside(name: str, out: Path) -> str:

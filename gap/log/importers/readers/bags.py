@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -335,7 +335,9 @@ class _Merged:
         self.notes += self.of_clock
         for name in robots.joints:
             if name != self.main and name not in robots.leaders:
-                self._robot(name, robots.joints[name])
+                called = ", ".join(robots.joints[name].values())
+                self.notes.append(f"{name} is of another robot, for its joints have the same names: {called}")
+                self._without(self._measured(name, robots.joints[name]), f"{name} has no value")
         rest = {name: topic for name, topic in self.topics.items() if name not in robots.joints and not topic.paths}
         for name, topic in rest.items():
             if why := self._apart(self.times[name]):
@@ -410,16 +412,7 @@ class _Merged:
         self._add("stamp", own[keep], unit="s")
         self.roles["stamp"] = "time"
         self.notes.append(f"samples are the messages of {self.main}")
-        there = np.full(len(keep), True)
-        for name in topic.names:
-            joint, _, last = name.rpartition(".")
-            values = topic.between(name, own, own[keep]) if joint in rest else topic.column(name)[keep]
-            share = float(np.isfinite(values).mean())
-            if joint in rest and share < COVERED:
-                self.left[f"{short}.{name}"] = f"other messages have it, along {100.0 * share:.0f} % of the samples"
-            elif share:
-                there &= np.isfinite(values) if joint in rest else True
-                self._add(f"{short}.{name}", values, names.get(joint, joint), FIELDS.get(last, ""), UNITS.get(last, ""))
+        there = self._measured(self.main, names, keep, rest)
         among = [joint for joint in rest if any(name.startswith(f"{short}.{joint}.") for name in self.columns)]
         if among:
             self.notes.append(
@@ -430,32 +423,42 @@ class _Merged:
             self.notes.append(
                 f"{len(topic.rows) - len(lead)} messages of {self.main} that name other joints are left out"
             )
-        self._without(there if among else np.full(len(keep), True), "not all joints were measured")
+        self._without(there, "not all joints were measured")
         self.columns["stamp"] = self.time - self.time[0]
+
+    def _measured(
+        self, name: str, names: Mapping[str, str], rows: NDArray[np.intp] | None = None, rest: Sequence[str] = ()
+    ) -> NDArray[np.bool_]:
+        """Take what joint states measured, linear between their messages where these are not the rows themselves.
+
+        Args:
+            name: of the topic.
+            names: of its joints in the log.
+            rows: messages that are the rows; None where none is.
+            rest: joints that only other messages name.
+
+        Returns:
+            Where all that is linear has a value.
+        """
+        short, topic, there = _short(name), self.topics[name], np.full(len(self.time), True)
+        for column in topic.names:
+            joint, _, last = column.rpartition(".")
+            linear = rows is None or joint in rest
+            values = topic.between(column, self.times[name], self.time) if linear else topic.column(column)[rows]
+            share = float(np.isfinite(values).mean())
+            if share and not (linear and share < COVERED):
+                there &= np.isfinite(values) | (not linear)
+                role, unit = FIELDS.get(last, ""), UNITS.get(last, "")
+                self._add(f"{short}.{column}", values, names.get(joint, joint), role, unit)
+            elif linear:
+                self.left[f"{short}.{column}"] = f"its messages have it along {100.0 * share:.0f} % of the samples"
+        return there
 
     def _without(self, there: NDArray[np.bool_], why: str) -> None:
         if there.any() and not there.all():
             self.notes.append(f"{int((~there).sum())} samples, at which {why}, are left out")
             self._cut(there)
             self.columns["stamp"] = self.time - self.time[0]
-
-    def _robot(self, name: str, names: Mapping[str, str]) -> None:
-        """What joint states of another robot measured; rows that these do not reach go."""
-        short, topic, there = _short(name), self.topics[name], np.full(len(self.time), True)
-        for column in topic.names:
-            joint, _, last = column.rpartition(".")
-            values = topic.between(column, self.times[name], self.time)
-            share = float(np.isfinite(values).mean())
-            if share >= COVERED:
-                there &= np.isfinite(values)
-                self._add(
-                    f"{short}.{column}", values, names.get(joint, joint), FIELDS.get(last, ""), UNITS.get(last, "")
-                )
-            elif share:
-                self.left[f"{short}.{column}"] = f"its messages have it along {100.0 * share:.0f} % of the samples"
-        called = ", ".join(names.values())
-        self.notes.append(f"{name} is of another robot, for its joints have the same names: {called}")
-        self._without(there, f"{name} has no value")
 
     def _command(self, name: str, topic: Topic, robots: Robots) -> None:
         """A topic that is no state: its joint states are goals and torques, other numbers what their names say."""
