@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from sealegs.actuators import load_chain
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
 
@@ -97,7 +98,8 @@ def test_gains_of_a_recording_reach_a_chain_that_is_a_stiffness(
     assert (chain if isinstance(chain, str) else chain[-1]["ideal"]["stiffness"]) == (stiffness or "ideal")
     import_logs(source, tmp_path / "out", found)
     if stiffness:
-        assert read_measured(tmp_path / "out").runs[0].actuators["joint"][-1]["ideal"]["stiffness"] == 12.0
+        chain = load_chain(read_measured(tmp_path / "out").runs[0].actuators["joint"])
+        assert (chain.value("ideal.stiffness"), chain.value("ideal.damping")) == (12.0, 0.5)
 
 
 # --- what is set aside by name ---------------------------------------------------------------------------------------
