@@ -1,11 +1,8 @@
 """What an import makes of the headers of recordings: ``python -m benchmarks.import_headers [--write]``.
 
 Each header of ``import_headers.yaml`` is written as a small file and proposed for. ``results/import_headers.json``
-holds, for each column of
-the log, its line and whether it is asked about. A run compares: understood as before, asked about now, or *wrong*,
-which
-is a line that gives other numbers, or one for a column that was asked about before. With ``--write`` the file is
-written.
+holds, for each column of the log, its line and whether it is asked about. A run compares: understood as before, asked
+about now, or *wrong*, which is a line that gives other numbers. With ``--write`` the file is written.
 """
 
 from __future__ import annotations

@@ -85,12 +85,13 @@ def test_constant_gains_in_columns_make_the_chain_of_their_joint(tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    ("facts", "stiffness"), [({"kp": 12.0, "kd": 0.5}, "${kp}"), ({"kp": 32.0, "motor": "mx64"}, None)]
+    ("facts", "stiffness"),
+    [({"kp": 12.0, "kd": 0.5}, "${kp}"), ({"kp": 32.0, "kd": 32.0, "motor": "mx64"}, None), ({"kp": 12.0}, None)],
 )
 def test_gains_of_a_recording_reach_a_chain_that_is_a_stiffness(
     tmp_path: Path, facts: dict[str, float | str], stiffness: str | None
 ) -> None:
-    """``actuator=ideal`` kept its own numbers; a register of a known motor is no stiffness."""
+    """``actuator=ideal`` kept its own numbers; a register of a known motor, or kp alone, is no stiffness."""
     source = table(tmp_path, {"time": TIME, **RAD})
     source.with_suffix(".meta.json").write_text(json.dumps(facts))
     found = propose_for(source, tmp_path / "out", robot="bench", actuator="ideal", params={"mass": 0.0}).mapping

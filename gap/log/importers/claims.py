@@ -268,7 +268,7 @@ def ranked(signal: str, claims: Sequence[Claim]) -> list[Claim]:
         supply = words & {"in", "input", "bus"} or is_a("supply", *words)
         return (
             signal == "position" and not (claim.unit in ("", "?", "tick", "%") or measures(claim.unit, "angle", "way")),
-            not claim.sure, claim.filtered, claim.unit in ("tick", "%"),
+            not claim.sure, is_a("filtered", *words), claim.unit in ("tick", "%"),
             signal == "goal" and is_action(claim),
             signal == "goal" and bool(words & {"planned", "interpolated", "ipo"}),
             signal == "current" and bool(supply), signal == "current" and not words & {"q", "iq"},

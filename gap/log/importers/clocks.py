@@ -38,13 +38,14 @@ DISORDER = 0.01
 """Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
 OVERLAP = 0.5
 """Share of the longest recording for which all run, of joints that were recorded together."""
+HELD = frozenset(["goal", "goal_velocity", "torque_command", "enabled"])
+"""Signals that hold until the next one is sent."""
 
 
 @dataclass(frozen=True)
 class Clock:
     """The time of a recording: its column (``row`` for the number of the sample, empty where nothing tells the time),
-    how it
-    becomes seconds, and why other columns that look like clocks are not taken."""
+    how it becomes seconds, and why other columns that look like clocks are not taken."""
 
     name: str
     line: Line
@@ -289,9 +290,8 @@ def clock_fault(values: Array) -> str:
                 f"{where}, and again in row {further}: there recordings end and begin, so part the file at these rows"
             )
         return (
-            f"{where}: there one recording ends and the next begins, so part the file, or import it twice, with "
-            f"the line "
-            f"`where: {rows[0]} - row` in one mapping and `where: row - {rows[0] - 1}` in the other"
+            f"{where}: there one recording ends and the next begins, so part the file, or import it twice, with the "
+            f"line `where: {rows[0]} - row` in one mapping and `where: row - {rows[0] - 1}` in the other"
         )
     if np.median(steps) == 0.0:
         each = f"it repeats, {len(known) / len(np.unique(known)):.3g} rows have the same stamp"

@@ -40,15 +40,17 @@ def shipped_chain(facts: Mapping[str, float | str]) -> Chain | None:
     return as_recorded(DRIVES[motor], load_chain(motor).to_list(), facts) if "kp" in facts else None
 
 
-def with_gains(chain: list[dict[str, Any]], facts: Mapping[str, float | str]) -> list[dict[str, Any]]:
-    """A chain whose drive is a stiffness and a damping, with those that a recording says as numbers: ``kp``, ``kd``.
+def with_gains(chain: list[dict[str, Any]], recording: Recording) -> list[dict[str, Any]]:
+    """A chain whose drive is a stiffness and a damping, with those that a recording says: ``kp``, and ``kd`` or
+    ``damping``.
 
-    Gains of a motor whose own drive is known are registers or amperes, and no stiffness.
+    Alone, of BAM, or of a motor whose own drive is known, ``kp`` is a register or in amperes, and no stiffness.
     """
-    if facts.get("motor") in DRIVES or not isinstance(facts.get("kp"), float):
+    facts = recording.facts
+    damping = next((key for key in ("kd", "damping") if key in facts), "")
+    if not (damping and "kp" in facts) or recording.kind == "bam" or facts.get("motor") in DRIVES:
         return chain
-    said = {"stiffness": "kp", "damping": next((key for key in ("damping", "kd") if key in facts), "")}
-    own = {name: f"${{{key}}}" for name, key in said.items() if key}
+    own = {"stiffness": "${kp}", "damping": f"${{{damping}}}"}
     return [{name: {**(values or {}), **own} if name == "ideal" else values for name, values in stage.items()}
             for stage in chain]  # fmt: skip
 

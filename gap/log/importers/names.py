@@ -58,7 +58,6 @@ class Claim:
         unit: as ``deg`` or ``N.m``; empty where none is said, ``?`` where a format leaves it open.
         joint: the rest of the name, empty where there is none.
         aside: why the column is none of a log, where it says something else.
-        filtered: whether it says that it was processed.
         how: the word that says the signal.
         by: who says it, for people.
         formula: of its line where the dialect gives it.
@@ -73,7 +72,6 @@ class Claim:
     unit: str = ""
     joint: str = ""
     aside: str = ""
-    filtered: bool = False
     how: str = ""
     by: str = "the name"
     formula: str = ""
@@ -166,9 +164,7 @@ class _Name:
             aside = aside or signal
         self.used |= {k for k, word in enumerate(low) if word in ("ff", "feedforward", *self.known.asides)}
         joint = _joined([word for k, word in enumerate(self.words) if k not in self.used])
-        filtered = any(self._of(word, "filtered") for word in low)
-        return Claim("", "" if aside else signal, unit, joint, aside, filtered, how,
-                    words=frozenset(own))  # fmt: skip
+        return Claim("", "" if aside else signal, unit, joint, aside, how, words=frozenset(own))
 
     def _of(self, word: str, *kinds: str) -> bool:
         return any(word in self.known.classes[kind] for kind in kinds)

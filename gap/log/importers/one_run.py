@@ -12,15 +12,13 @@ import numpy as np
 
 from ..types import COMMANDS, SIGNAL_UNITS, LogError
 from .claims import plain
-from .clocks import clock_units, find_clock, held, in_force, offset_note, overlap, together
+from .clocks import HELD, clock_units, find_clock, held, in_force, offset_note, overlap, together
 from .names import said
 from .positions import bare
 from .recording import Recording
 
 SAME_RATE = 0.98
 """Share of the longest median step from which a clock is as slow as the slowest: the first of these is taken."""
-HELD = frozenset(["goal", "goal_velocity", "torque_command", "enabled"])
-"""Signals that hold until the next one is sent."""
 TELLING = re.compile(
     r"[_\W]*(states?|commands?|cmds?|feedback|measured|goals?|targets?|actions?|sensors?|motors?)[_\W]*", re.I
 )

@@ -207,7 +207,8 @@ class Positions:
         about where one is. Openings and shares of a gripper may be in a unit of their own."""
         lines = self.lines
         alike = [one for one in self.found if lines[one.claim.column].open and not self._stands_apart(one)]
-        shown = {line.unit: name for name, line in lines.items() if line.trust == SURE and "its steps are" in line.why}
+        by_step = [one.claim.column for one in self.found if not told(one.claim.unit) and not one.claim.formula]
+        shown = {lines[name].unit: name for name in by_step if lines[name].trust == SURE}
         if len(shown) == 1:
             ((unit, name),) = shown.items()
             for one in alike:

@@ -320,6 +320,6 @@ def asked_chain(
     if drive is not None and of_one_servo(first := recording(), joints) and "kp" in first.facts:
         return as_recorded(drive, chain.to_list(), first.facts)
     if drive is None and chain.find("ideal") is not None:
-        own = with_gains(chain.to_list(), recording().facts)
+        own = with_gains(chain.to_list(), recording())
         return own if own != chain.to_list() else beside(actuator, out)
     return beside(actuator, out)

@@ -1,8 +1,7 @@
 """Units as foreign files write them, each understood to its last letter, and measured by pint.
 
 A unit has one spelling here: ``deg``, ``mA``, ``kgf.cm``, ``0.1 deg``, ``deg/min``. A prefix or a number that is
-dropped
-would make a wrong log, so what is not understood whole is no unit.
+dropped would make a wrong log, so what is not understood whole is no unit.
 """
 
 from __future__ import annotations

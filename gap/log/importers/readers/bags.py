@@ -541,9 +541,8 @@ class _Merged:
                 added = True
         if added:
             self.notes.append(
-                f"goals of {name} go to its points, each `time_from_start` after its message, from the goal before "
-                f"or, at "
-                "first, the measured position"
+                f"goals of {name} go to its points, each `time_from_start` after its message, from the goal before or, "
+                "at first, the measured position"
             )
 
     def _leader(self, name: str, names: Mapping[str, str]) -> None:

@@ -48,9 +48,8 @@ def read_json(path: Path) -> list[Recording]:
     frame, left = _frame(content["entries"] if bam else content)
     if frame is None:
         raise NoRecording(
-            f"{path}: is no recording: a list of rows, a mapping of columns to lists of one length, one row a "
-            f"line, runs "
-            "with vectors, or the list 'entries' of BAM is expected."
+            f"{path}: is no recording: a list of rows, a mapping of columns to lists of one length, one row a line, "
+            "runs with vectors, or the list 'entries' of BAM is expected."
         )
     notes = [f"left out, for they do not have {len(frame)} samples: {', '.join(left)}"] if left else []
     for name in frame if bam else ():

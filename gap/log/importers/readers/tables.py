@@ -165,8 +165,7 @@ def _pivot(
             what = f"which differ in {column}" if differ.any() else f"as {again.mean():.0%} of all rows are repeats"
             raise LogError(
                 f"{path}: '{name}' names the joint of each row, and {row['']} has two rows at {clock} = "
-                f"{row[clock]:.15g}, "
-                f"{what}; leave one row of each such pair out, or import a file for each joint."
+                f"{row[clock]:.15g}, {what}; leave one row of each such pair out, or import a file for each joint."
             )
         notes.append(
             f"{int(again.sum())} of {len(table)} rows say once more what one of their joint and time says: left out"

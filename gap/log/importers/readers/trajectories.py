@@ -82,8 +82,7 @@ def laid_out(
 
 def _followed(one: Trajectory, joint: str, start: float, at: Array, before: tuple[float, float]) -> tuple[Array, Array]:
     """Goal of one joint along a message that starts at a time [s], at times [s], and its slope [1/s]; before it the
-    goal and
-    slope held that are given, NaN where nothing did."""
+    goal and slope held that are given, NaN where nothing did."""
     if joint not in one.joints:
         return np.full(len(at), before[0]), np.zeros(len(at))
     k = one.joints.index(joint)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...types import Array, LogError
-from ..clocks import clock_units, held, together
+from ..clocks import HELD, clock_units, held, together
 from ..names import is_a, said
 from ..recording import Recording
 
@@ -21,8 +21,6 @@ PREFIX = re.compile(r"(.*?\d+)_(.+)")
 """``run1_t``: a name with its number, and the name of what is its own."""
 FEWEST_SERIES = 2
 """Series beside its clock that a run has at least: one alone is a signal with its stamps."""
-HELD = frozenset(["goal", "goal_velocity", "torque_command"])
-"""Signals that hold until the next one is sent."""
 OF_A_SIGNAL = frozenset(["values", "dimensions", "label", "title", "plotStyle", "blockName", "stateName",
                          "inReferencedModel", "sampleTime", "valueDimensions"])  # fmt: skip
 """Fields that Simulink gives a signal."""
@@ -305,8 +303,7 @@ def _collect(
     name: str, value: Any, names: Sequence[Sequence[str]], columns: dict[str, Array], facts: dict[str, float | str]
 ) -> str:
     """Put a variable where it belongs, columns of a matrix by the one list of words that is as long, else by number;
-    why it
-    is none of numbers, else empty."""
+    why it is none of numbers, else empty."""
     if value is None:
         return "no vector or matrix of numbers"
     if _is_words(value):
