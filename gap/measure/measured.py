@@ -22,13 +22,14 @@ from ..search.refit import refit
 from ..search.result import Search
 from ..search.settings import DEFAULT
 from ..search.sketch import coarsened, most_iterations
-from ..search.structure import Structure, structure
+from ..search.structure import Structure, structure, told_in
 from .adrift import begun_fit, left_by
 from .confidence import THRESHOLDS, Adrift, confidence, law_error, standing
+from .harm import harm
 from .named import Error, NamedCause, OpenCause, Value
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
-from .unseen import Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
+from .unseen import Handed, Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,12 @@ def measure(
         unseen, problem.signal[1], seed, draws,
         named=named, crossed=crossed, loose=search.loose, noise=problem.noise, of_robot=is_of_robot(problem),
     )  # fmt: skip
+    if chosen.model != "nominal" and problem.joint is not None:
+        rows = problem.simulate([{}, found[chosen.model]])
+        if spoiled := harm(problem, *rows):
+            factor, words = told_in(problem.signal[1])
+            said = f"where the believed model is right to the noise, it would be {factor * spoiled:.3g} {words} off"
+            chosen = Handed("nominal", said if named else "")
     handed = chosen.model
     if chosen.why:
         sought, given_up = outdone(sought, chosen.why)

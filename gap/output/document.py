@@ -181,7 +181,7 @@ def sentences_of(written: Mapping[str, Path]) -> list[str]:
     if path is None or not path.is_file():
         return []
     found = read_json(path).get("whole_robot") or {}
-    return [found[key] for key in ("left", "harm") if key in found]
+    return [found[key] for key in ("bodies", "left", "harm") if key in found]
 
 
 def joints_of(document: Mapping[str, Any], folder: Path) -> tuple[JointDiagnosis, ...]:

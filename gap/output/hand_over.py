@@ -24,6 +24,8 @@ LEFT = {
     "own": "Numbers of bodies that were only tuned stay as the robot's file has them",
     "named": "Joints without a named cause, and numbers of bodies that were only tuned, stay as they were believed",
 }
+SEEN = 0.02  # relative change of a mass, or one in its unit, from which it is told
+UNITS = {"payload": "kg"}
 UNSEEN = f"{LEFT['own']}: no simulation of the whole robot could show that they do no harm."
 """Said where a robot cannot be simulated along its log."""
 
@@ -40,8 +42,32 @@ def hand_over(
 
     Returns:
         The model; of a robot with a file also what :func:`sealegs.gap.output.whole.confirm_whole` found of it, with
-        ``taken``, the sentence ``left`` where not all is taken, and ``harm`` where it still misses its log by more.
+        ``taken``, the sentence ``left`` where not all is taken, ``harm`` where it still misses its log by more, and
+        ``bodies`` where it changes any.
     """
+    extended, confirmed = _taken(diagnoses, recorded, progress)
+    if extended is None or confirmed is None or not (said := bodies_of(extended)):
+        return extended, confirmed
+    return extended, confirmed | {"bodies": said}
+
+
+def bodies_of(extended: Extended) -> str:
+    """What a model changes of bodies, in a sentence; empty for nothing."""
+    rows = []
+    for change in extended.changes:
+        _, _, key = change.path.partition("body.")
+        if not key or abs(change.after - change.before) <= SEEN * max(abs(change.before), SEEN):
+            continue
+        value = f"x {change.after:.3g}" if key.endswith("factor") else f"{change.after:+.3g} {UNITS.get(key, 'm')}"
+        rows.append(
+            f"{change.joint} {key.replace('_factor', '').replace('_', ' ')} {value} ({change.cause or 'tuned'})"
+        )
+    return f"Bodies as handed over: {', '.join(dict.fromkeys(rows))}." if rows else ""
+
+
+def _taken(
+    diagnoses: Sequence[JointDiagnosis], recorded: MeasuredSet, progress: Progress
+) -> tuple[Extended | None, dict[str, Any] | None]:
     data = as_taken(recorded, diagnoses)
     extended = extended_of(diagnoses, data)
     confirmed = None if extended is None else confirm_whole(diagnoses, recorded, extended, progress)

@@ -113,7 +113,7 @@ def _robot(found: Mapping[str, Any], diagnoses: Sequence[JointDiagnosis]) -> dic
         rows.append({"joint": name, "unit": unit, **row})
         if name in alone and item["extended"] > TOGETHER * alone[name]:
             apart.append(name)
-    said = [found[key] for key in ("left", "harm") if key in found]
+    said = [found[key] for key in ("bodies", "left", "harm") if key in found]
     return {"reason": found.get("reason", ""), "rows": rows, "apart": ", ".join(apart), "said": said}
 
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sealegs.envs.extended import Change, Extended
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output import hand_over as module
-from sealegs.gap.output.hand_over import hand_over, harmed
+from sealegs.gap.output.hand_over import bodies_of, hand_over, harmed
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
@@ -92,6 +93,19 @@ def test_bodies_stay_where_the_whole_robot_cannot_be_simulated(arm: Any, monkeyp
     extended, found = hand_over(arm[1], arm[0])
     assert found is not None and "its base moves" in found["reason"] and found["left"] == module.UNSEEN
     assert not tuned_bodies(extended)
+
+
+def test_what_is_changed_of_bodies_is_told() -> None:
+    """A hip was handed over at 0.05 times its mass, and no page said so."""
+    rows = [
+        Change("hip", "body.mass_factor", 1.0, 0.05, "", "robot"),
+        Change("foot", "body.payload", 0.0, 0.09, "load.mass", "robot"),
+        Change("thigh", "body.mass_factor", 1.0, 1.001, "", "robot"),
+        Change("hip", "friction.coulomb", 0.05, 0.1, "", "chain"),
+    ]
+    told = bodies_of(Extended("leg.xml", {}, {}, tuple(rows)))
+    assert told == "Bodies as handed over: hip mass x 0.05 (tuned), foot payload +0.09 kg (load.mass)."
+    assert bodies_of(Extended("leg.xml", {}, {})) == ""
 
 
 def test_an_error_within_the_noise_is_no_harm() -> None:
