@@ -18,7 +18,7 @@ from .timeline import Timeline, fine, timeline, worst_window
 STRETCH = 1.2  # [s] shown, where the log is not slow
 LEAST_SAMPLES = 80  # of a stretch
 MOST_CAUSES = 5  # with a row of their own
-WIDE, TALL = (11.0, 3.5), (5.2, 6.6)  # [inch]
+WIDE, TALL, ALONE = (11.0, 3.5), (5.2, 6.6), (6.0, 2.6)  # [inch]
 GOAL = "#9a9a9a"
 UNEXPLAINED_LABEL, NOISE_LABEL = "unexplained", "noise"
 THICK = 0.66  # of a bar, in rows
@@ -62,11 +62,15 @@ def first_look(diagnosis: JointDiagnosis, tall: bool = False) -> Figure | None:
         tall: one below the other, for a phone.
 
     Returns:
-        None where nothing was replayed.
+        The second alone where nothing was replayed; None where no model was compared.
     """
     line, slices = timeline(diagnosis), budget_slices(diagnosis)
-    if line is None or not len(line.x) or not slices:
+    if not slices:
         return None
+    if line is None or not len(line.x):
+        chart = figure(*ALONE)
+        waterfall(chart.subplots(), diagnosis, slices)
+        return chart
     chart = figure(*(TALL if tall else WIDE))
     if tall:
         above, beside = chart.subfigures(2, 1, squeeze=False, height_ratios=(1.35, 1.0)).flat

@@ -27,7 +27,7 @@ from ..limits import LIMITS, limits_told
 from ..limits import rows as limit_rows
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
-from ..pictures.first_look import as_logged, first_look, in_words
+from ..pictures.first_look import WIDE, as_logged, first_look, in_words
 from ..pictures.signatures import told
 from ..pictures.timeline import fine
 from ..terminal import doubts
@@ -184,17 +184,18 @@ def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
 
 def _first_look(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun]) -> dict[str, str] | None:
     """The picture that the joint opens with, for a wide page and for a phone, and what it shows in words."""
-    found = [first_look(diagnosis, tall) for tall in (False, True)]
+    wide, tall = (first_look(diagnosis, tall) for tall in (False, True))
     words, caption = in_words(diagnosis), ""
-    if None in found:
+    if wide is None or tall is None:
         named = [run for run in runs if any(f.run == run.name for f in diagnosis.findings)]
         run = next(iter(named or runs))
-        found = [as_logged(run, diagnosis, tall) for tall in (False, True)]
+        wide, tall = (as_logged(run, diagnosis, tall) for tall in (False, True))
         words = caption = "The log as it is; no model was compared with it."
-    wide, tall = (None if chart is None else _image(png(chart)) for chart in found)
     if wide is None or tall is None:
         return None
-    return {"wide": wide, "tall": tall, "words": words, "caption": caption}
+    share = f"{100.0 * wide.get_figwidth() / WIDE[0]:.0f}"  # so that words in all of them are as large
+    pictures = {"wide": _image(png(wide)), "tall": _image(png(tall))}
+    return {**pictures, "words": words, "caption": caption, "share": share}
 
 
 def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:
