@@ -90,6 +90,7 @@ PRESUPPOSED = {
     "docs/actuation-chain.md": ("diagnosis",),
     "docs/deploy.md": ("logs/bench", "diagnosis", "runs/first", "sit.csv"),
     "docs/diagnose-more.md": ("logs/bench",),
+    "docs/index.md": ("logs/bench",),
     "docs/next-experiment.md": ("diagnosis",),
     "docs/train-and-deploy.md": ("logs/bench", "diagnosis", "runs/loop-1/diagnosis", "bench.csv"),
 }
