@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sealegs.gap.causes.unknown import with_believed_load
 from sealegs.gap.finder.diagnosis import diagnose
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.prepare.checking import check_log
 from sealegs.gap.prepare.pieces import cut_joint
@@ -31,14 +33,14 @@ FITTED = "chirp_sweep"
 
 def replayed(runs: list[MeasuredRun], joint: str) -> FreeProblem:
     """A joint along these runs, as its file and its chain believe it to be."""
-    pieces = cut_joint(runs, joint, None)
+    pieces = cut_joint(Machine.of(runs), joint, None)
     found = free_problem(
         pieces.runs, joint, pieces.models, pieces.units, {"position": 1.0 / pieces.noise}, pieces.terms
     )
     return converged(found)
 
 
-def errors(problem: FreeProblem, values: dict[str, float], motions: list[str]) -> dict[str, float]:
+def errors(problem: FreeProblem, values: Mapping[str, float], motions: list[str]) -> dict[str, float]:
     """Rms error of the position in each motion [rad]."""
     error = problem.errors(problem.simulate([values])[0])[:, 0] ** 2
     ends = list(zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True))

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from sealegs.gap.finder.diagnosis import diagnose, diagnose_joint
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.prepare.request import Request
@@ -63,8 +64,8 @@ def row(kind: str, length: float, seed: int) -> dict[str, Any]:
     data = bench(length, seed) if kind == "bench" else arm(length, seed)
     joint = next(iter(data.runs[0].joints)) if kind == "bench" else JOINT
     request = Request(causes=CAUSES)
-    load, _ = spent(lambda: cut_joint(data.runs, joint, None))
-    whole, found = spent(lambda: diagnose_joint(data.runs, joint, (), request))
+    load, _ = spent(lambda: cut_joint(Machine.of(data.runs), joint, None))
+    whole, found = spent(lambda: diagnose_joint(Machine.of(data.runs), joint, (), request))
     problem = found.problem
     assert problem is not None
     replays, _ = spent(lambda: problem.simulate([{}] * 100))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators.chain import Chain, load_chain
 from ...common.errors import SealegsError
-from ..load.robot import robot_of
+from ..load.robot import LoggedRobot, robot_of
 from ..load.units import run_in_model_units
 from ..log.types import Array, JointLog, MeasuredRun
 from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
@@ -86,16 +86,19 @@ class JointContext:
         return str(units.get(self.column("position"), units.get("position", own)))
 
     @cached_property
+    def robot(self) -> LoggedRobot | None:
+        """The robot of a file that the log names; None: there is none."""
+        return robot_of(self.run)
+
+    @cached_property
     def slides(self) -> bool:
         """Whether the model of the robot, where the log names one, has the joint as a slide."""
-        robot = robot_of(self.run)
-        return robot is not None and robot.slides(self.name)
+        return self.robot is not None and self.robot.slides(self.name)
 
     @cached_property
     def reach(self) -> float | None:
         """Furthest end of the joint's range in that model [rad or m]; None where nothing says it."""
-        robot = robot_of(self.run)
-        return None if robot is None else robot.reach(self.name)
+        return None if self.robot is None else self.robot.reach(self.name)
 
     @cached_property
     def motion(self) -> tuple[Array, Array, Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 from ...actuators.chain import Chain
@@ -19,21 +19,20 @@ from ..checks.data_set import shows_little
 from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
-from ..load.robot import LoggedRobot, robot_of
+from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
+from ..log.types import Array, LogError, MeasuredSet
 from ..measure.belief import measured_within_belief
 from ..measure.case import Case, Replay
-from ..measure.confidence import as_noise_allows
-from ..measure.measured import Measured, is_of_robot, measure, whole_runs
+from ..measure.measured import Measured, measure
 from ..measure.named import WITHDRAWN
 from ..measure.shares import telling
 from ..measure.unseen import unseen_range
 from ..prepare.checking import check_log
 from ..prepare.columns import chosen, commanded
 from ..prepare.frames import DOUBTED, in_likely_frames
-from ..prepare.pieces import Cut, cut_joint, fit_runs, named_chain
+from ..prepare.pieces import cut_joint, fit_runs, named_chain
 from ..prepare.request import Request
 from ..prepare.resting import without_rests
 from ..replay.driven import driven_problem
@@ -100,28 +99,28 @@ def diagnose(
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = check_log(data, progress)
-    runs, joints = data.runs, chosen(commanded(data.runs), only)
+    machine, joints = Machine.of(data.runs), chosen(commanded(data.runs), only)
     if stop is not None:
-        first = [_first_experiment(runs, joint, stop, request) for joint in joints]
+        first = [_first_experiment(machine, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
         return [refuse(joint, why, findings, plan) for joint, plan in zip(joints, first, strict=True)]
     for what, step in (("zeros and directions", in_likely_frames), ("what the robot rests on", without_rests)):
         with apart(what, errors):  # without it, the model's frames and all samples count
-            runs, more = step(runs, progress, test_group)
+            machine, more = step(machine, progress, test_group)
             findings = [*findings, *more]
     if only is None:
         with apart("a latency that joints share", errors):  # without it, each joint has one of its own
-            seen = partial(_replay_of, runs, findings=findings, request=request)
+            seen = partial(_replay_of, machine, findings=findings, request=request)
             request = replace(request, latency=seek_latency(joints, seen, request))
-    found = side_by_side(dict.fromkeys(joints, _whatever_happens), runs, findings, request, workers, done, errors)
+    found = side_by_side(dict.fromkeys(joints, _whatever_happens), machine, findings, request, workers, done, errors)
     whole = len(found) == len(joints)  # what joints share and the ground under them need all of them
-    if only is None and whole and on_ground(runs):
+    if only is None and whole and on_ground(machine):
         with apart("the ground", errors):
-            found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(runs, found, request)))
+            found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(machine, found, request)))
             done(found[-1])
-    if only is None and whole and (robot := robot_of(runs[0])) is not None:
+    if only is None and whole and machine.robot is not None:
         with apart("what joints share", errors):
-            before, found = found, _with_robot(robot, runs, findings, found, request, workers)
+            before, found = found, _with_robot(machine, findings, found, request, workers)
             for joint in found:
                 if all(joint is not other for other in before):  # of the robot, or judged again
                     done(joint)
@@ -134,8 +133,7 @@ def diagnose(
 
 
 def _with_robot(
-    robot: LoggedRobot,
-    runs: Sequence[MeasuredRun],
+    machine: Machine,
     findings: Sequence[Finding],
     found: list[JointDiagnosis],
     request: Request,
@@ -145,37 +143,35 @@ def _with_robot(
 
     def again(asked: Asked) -> list[JointDiagnosis]:
         tasks = {joint: partial(_again, more, note) for joint, (more, note) in asked.items()}
-        return side_by_side(tasks, runs, findings, request, workers, lambda joint: None)
+        return side_by_side(tasks, machine, findings, request, workers, lambda joint: None)
 
     try:
-        return with_robot(robot, runs, found, request, again)
+        return with_robot(machine, found, request, again)
     except NUMERICAL as error:
         LOGGER.exception("the search for what joints share failed")
         why = f"the search for what joints share failed ({type(error).__name__}: {error})"
         request.progress(why)
         said = f"{why}; what was found of each joint stands."
         fault = Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])
-        return [replace(joint, findings=(*joint.findings, fault)) for joint in found]
+        return [joint.changed(findings=(*joint.findings, fault)) for joint in found]
 
 
 def _again(
     more: Sequence[Array] | None,
     note: Finding,
-    runs: Sequence[MeasuredRun],
+    machine: Machine,
     joint: str,
     findings: Sequence[Finding],
     request: Request,
 ) -> JointDiagnosis:
     """The diagnosis of a joint with what the robot was found to have."""
-    return diagnose_joint(runs, joint, [*findings, note], request, more)
+    return diagnose_joint(machine, joint, [*findings, note], request, more)
 
 
-def _whatever_happens(
-    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
-) -> JointDiagnosis:
+def _whatever_happens(machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
     """The diagnosis of a joint; a refusal where its numbers fail, so that what was found of other joints is kept."""
     mine = [f for f in findings if f.joint in (joint, None)]
-    return _kept(joint, f"'{joint}'", mine, request, lambda: diagnose_joint(runs, joint, findings, request))
+    return _kept(joint, f"'{joint}'", mine, request, lambda: diagnose_joint(machine, joint, findings, request))
 
 
 def _kept(
@@ -191,16 +187,16 @@ def _kept(
 
 
 def diagnose_joint(
-    runs: Sequence[MeasuredRun],
+    machine: Machine,
     joint: str,
     findings: Sequence[Finding],
     request: Request,
     more: Sequence[Array] | None = None,
 ) -> JointDiagnosis:
-    """Diagnose one joint of runs whose faults are mended.
+    """Diagnose one joint of a machine whose faults are mended.
 
     Args:
-        runs: of one machine.
+        machine: that was logged.
         joint: its name.
         findings: about the log.
         request: what was asked for.
@@ -210,36 +206,33 @@ def diagnose_joint(
         LogError: the runs name no actuator for it, or are too short.
     """
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
-    runs = [with_believed_load(run) for run in runs]
-    if not _is_commanded(runs, joint):  # only its torque can be judged
-        return diagnose_torque(runs, joint, mine, request)
-    pieces = cut_joint(runs, joint, request.test_group, more)
-    replay = _replay(pieces, request, before_goal=any(finding.code == "columns.before_goal" for finding in mine))
-    if isinstance(replay, Refused):
-        return refuse(joint, replay, (*mine, *pieces.findings))
-    if (shared := request.latency) is not None:
+    if not _is_commanded(machine, joint):  # only its torque can be judged
+        return diagnose_torque(_with_believed_loads(machine).runs, joint, mine, request)
+    case = joint_case(machine, joint, mine, request, more)
+    if isinstance(case, NotReplayed):
+        return refuse(joint, case.why, case.findings)
+    if (shared := request.latency) is not None and (replay := case.replay) is not None:
         wide, tuned = (shared.numbers_of(joint, numbers) for numbers in (replay.wide, replay.tuned))
         replay = replace(replay, wide=wide, tuned=tuned, causes=shared.causes_of(joint, replay.causes))
-    search = _search(replay, request)
+        case = replace(case, replay=replay)
+    search = _search(case, request)
     request.progress("measuring the gain on runs that nothing has seen")
-    case = Case(joint, (*mine, *replay.findings), shows_little(runs, joint), runs[0].meta.get("frames"))
-    return beside_latency(conclude(case, replay, search, request), shared)
+    return beside_latency(conclude(case, search, request), shared)
 
 
-def _is_commanded(runs: Sequence[MeasuredRun], joint: str) -> bool:
-    commands = (getattr(run.joints[joint], kind) for run in runs for kind in ("goal", "torque_command"))
+def _is_commanded(machine: Machine, joint: str) -> bool:
+    commands = (getattr(run.joints[joint], kind) for run in machine for kind in ("goal", "torque_command"))
     return any(command is not None for command in commands)
 
 
 def _replay_of(
-    runs: Sequence[MeasuredRun], joint: str, *, findings: Sequence[Finding], request: Request
+    machine: Machine, joint: str, *, findings: Sequence[Finding], request: Request
 ) -> Replay | Refused | None:
     """The replay of a joint; None where it has no commands."""
-    if not _is_commanded(runs, joint):
+    if not _is_commanded(machine, joint):
         return None
-    pieces = cut_joint([with_believed_load(run) for run in runs], joint, request.test_group, None)
-    before_goal = any(f.code == "columns.before_goal" and f.joint in (joint, None, "") for f in findings)
-    return _replay(pieces, request, before_goal=before_goal)
+    case = joint_case(machine, joint, tuple(f for f in findings if f.joint in (joint, None, "")), request)
+    return case.why if isinstance(case, NotReplayed) else case.replay
 
 
 def prepared(data: MeasuredSet, joint: str, request: Request) -> Replay:
@@ -248,8 +241,8 @@ def prepared(data: MeasuredSet, joint: str, request: Request) -> Replay:
     Raises:
         SealegsError: it cannot be replayed; the sentence says why.
     """
-    runs, findings = _mended(data, request)
-    replay = _replay_of(runs, joint, findings=findings, request=request)
+    machine, findings = _mended(data, request)
+    replay = _replay_of(machine, joint, findings=findings, request=request)
     if replay is None:
         raise SealegsError(f"'{joint}' has no command that could be replayed.")
     if isinstance(replay, Refused):
@@ -263,29 +256,29 @@ def first_look(data: MeasuredSet, request: Request) -> FirstLook:
     Raises:
         SealegsError: the log cannot be used, or no joint of it can be replayed.
     """
-    runs, findings = _mended(data, request)
-    joints = chosen(commanded(runs), None)
-    found = look_at(joints, partial(_replay_of, runs, findings=findings, request=request), request)
+    machine, findings = _mended(data, request)
+    joints = chosen(commanded(machine), None)
+    found = look_at(joints, partial(_replay_of, machine, findings=findings, request=request), request)
     if not found.joints:
         raise SealegsError("No joint can be replayed freely, so there is nothing to look at; diagnose says why.")
     return found
 
 
-def _mended(data: MeasuredSet, request: Request) -> tuple[Sequence[MeasuredRun], Sequence[Finding]]:
-    """Runs whose faults are mended, and what was found of the log."""
+def _mended(data: MeasuredSet, request: Request) -> tuple[Machine, Sequence[Finding]]:
+    """The machine with its faults mended, and what was found of the log."""
     data, findings, stop = check_log(data, request.progress)
     if stop is not None:
         raise SealegsError(stop.sentence)
-    runs, _ = in_likely_frames(data.runs, request.progress, request.test_group)
-    runs, _ = without_rests(runs, request.progress, request.test_group)
-    return runs, findings
+    machine, _ = in_likely_frames(Machine.of(data.runs), request.progress, request.test_group)
+    machine, _ = without_rests(machine, request.progress, request.test_group)
+    return machine, findings
 
 
-def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:
+def _diagnose_ground(machine: Machine, joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:
     """The ground under a robot, sought with the actuators as their diagnoses left them."""
     chains = {joint.joint: chain for joint in joints if (chain := _found_chain(joint)) is not None}
     sought = search_ground(
-        runs,
+        machine,
         chains,
         request.seed,
         progress=request.progress,
@@ -298,62 +291,101 @@ def _diagnose_ground(runs: Sequence[MeasuredRun], joints: Sequence[JointDiagnosi
         return refuse(GROUND, Refused("the ground", sought, usable=True), signal="base.z", unit="m", unexplained=0.0)
     replay = Replay(sought.problem, sought.problem, sought.numbers, sought.numbers)
     request.progress("measuring the gain on pieces that nothing has seen")
-    measured = measure(replay.problem, replay.fitting, sought.search, GROUND, replay.wide, request.seed)
+    measured = measure(replay, sought.search, GROUND, request.seed)
     findings = tuple(sought.findings(measured.values, complete=len(chains) == len(joints)))
-    return _decide(Case(GROUND), replay, sought.search, measured, request, findings)
+    return _decide(_judged(GROUND, replay), sought.search, measured, request, findings)
 
 
-def conclude(case: Case, replay: Replay, search: Search, request: Request) -> JointDiagnosis:
+def conclude(case: Case, search: Search, request: Request) -> JointDiagnosis:
     """Measure what a search found, and decide what is said of it."""
-    measured, search = measured_within_belief(replay, search, case.joint, request.seed)
-    return _decide(case, replay, search, beside_tilt(measured, case.findings), request)
+    assert case.replay is not None
+    measured, search = measured_within_belief(case.replay, search, case.joint, request.seed)
+    return _decide(case, search, beside_tilt(measured, case.findings), request)
 
 
 # --- the steps ---------------------------------------------------------------------------------------------------
 
 
-def _replay(pieces: Cut, request: Request, *, before_goal: bool = False) -> Replay | Refused:
-    """Free on a bench; driven where what holds the link is not known.
+@dataclass(frozen=True)
+class NotReplayed:
+    """A joint that cannot be replayed: why, and what is to be said of it nevertheless."""
+
+    why: Refused
+    findings: tuple[Finding, ...]
+
+
+def joint_case(
+    machine: Machine,
+    joint: str,
+    findings: tuple[Finding, ...],
+    request: Request,
+    more: Sequence[Array] | None = None,
+) -> Case | NotReplayed:
+    """A joint ready to be searched: replayed freely on a bench or in a tree, driven where what holds its link is not
+    known.
 
     Args:
-        pieces, request: of the joint.
-        before_goal: whether the checks say that the columns of a row are of the moment before its goal acts.
+        machine, joint: that were logged.
+        findings: about the log of the joint.
+        request: what was asked for.
+        more: as of :func:`diagnose_joint`.
+
+    Raises:
+        LogError: the runs name no actuator for it, or are too short.
     """
-    wide, tuned = adjustable(pieces.models[0], request.search.refitted_by), adjustable(pieces.models[0])
-    causes = catalogue(pieces.models[0], request.causes)
-    layout, axis = (pieces.runs, pieces.joint, pieces.models, pieces.units), pieces.models[0].axis
-    stops = stops_of(pieces.runs, pieces.joint, axis.reach)
-    seen = (*pieces.findings, *told_stops(stops, pieces.joint, axis.unit("rad")))
+    machine = _with_believed_loads(machine)
+    pieces = cut_joint(machine, joint, request.test_group, more)
+    first = pieces.models[0]
+    causes = catalogue(first, request.causes)
+    layout = (pieces.runs, joint, pieces.models, pieces.units)
+    stops = stops_of(pieces.runs, joint, first.axis.reach)
+    findings = (*findings, *pieces.findings)
+    seen = told_stops(stops, joint, first.axis.unit("rad"))
+    wide, tuned = adjustable(first, request.search.refitted_by), adjustable(first)
+    hidden: Sequence[str] = ()
     if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
         free = converged(free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms))
-        if (lost := refuse_divergence(free, pieces.joint)) is not None:
-            return lost
-        fitted = stops_of(fit_runs(pieces), pieces.joint, axis.reach)
-        problem, causes = weigh_channels(free, request.search), with_stops(causes, fitted, pieces.models[0])
+        if (lost := refuse_divergence(free, joint)) is not None:
+            return NotReplayed(lost, findings)
+        fitted = stops_of(fit_runs(pieces), joint, first.axis.reach)
+        problem, causes = weigh_channels(free, request.search), with_stops(causes, fitted, first)
         fitting = in_windows(problem, wide, request.search)
-        return Replay(problem, fitting, wide, tuned, causes, seen, stops, along=pieces.along)
-    try:
-        driven = as_read(driven_problem(*layout, pieces.noise), told=before_goal)
-    except LogError as error:
-        held = next((f"{finding.sentence} " for finding in pieces.findings if finding.code == HELD), "")
-        return Refused(f"'{pieces.joint}'", f"{held}{'Along that motion: ' if held else ''}{error}", usable=True)
-    causes, hidden = shown(driven, pieces.models[0], causes)
-    request.progress(f"judging the actuator of {pieces.joint} along its measured motion")
-    problem = weigh_channels(converged(driven), request.search)
-    seen = (*seen, *limits_of_driven(driven, pieces.joint, hidden))
-    return Replay(
-        problem,
-        fitting=problem,
-        wide=wide,
-        tuned=tuned,
-        causes=with_started_delays(problem, causes),
-        findings=seen,
-        stops=stops,
+    else:
+        told = any(finding.code == "columns.before_goal" for finding in findings)
+        try:
+            driven = as_read(driven_problem(*layout, pieces.noise), told=told)
+        except LogError as error:
+            held = next((f"{finding.sentence} " for finding in pieces.findings if finding.code == HELD), "")
+            why = f"{held}{'Along that motion: ' if held else ''}{error}"
+            return NotReplayed(Refused(f"'{joint}'", why, usable=True), findings)
+        causes, hidden = shown(driven, first, causes)
+        request.progress(f"judging the actuator of {joint} along its measured motion")
+        problem = fitting = weigh_channels(converged(driven), request.search)
+        seen = (*seen, *limits_of_driven(driven, joint, hidden))
+        causes = with_started_delays(problem, causes)
+    replay = Replay(problem, fitting, wide, tuned, causes, stops, pieces.along)
+    return replace(
+        _judged(joint, replay),
+        findings=(*findings, *seen),
+        still=shows_little(machine.runs, joint),
+        frames=machine[0].meta.get("frames"),
         hidden=tuple(hidden),
     )
 
 
-def _search(replay: Replay, request: Request) -> Search:
+def _with_believed_loads(machine: Machine) -> Machine:
+    return Machine.of(with_believed_load(run) for run in machine)
+
+
+def _judged(joint: str, replay: Replay) -> Case:
+    """A joint, or the ground, by the signal that its replay is judged by."""
+    signal, unit = replay.problem.signal
+    return Case(joint, signal=signal if "." in signal else f"{joint}.{signal}", unit=unit, replay=replay)
+
+
+def _search(case: Case, request: Request) -> Search:
+    replay = case.replay
+    assert replay is not None
     return seek(
         Searcher(
             replay.fitting,
@@ -369,89 +401,40 @@ def _search(replay: Replay, request: Request) -> Search:
 
 
 def _decide(
-    case: Case,
-    replay: Replay,
-    search: Search,
-    measured: Measured,
-    request: Request,
-    findings: tuple[Finding, ...] = (),
+    case: Case, search: Search, measured: Measured, request: Request, findings: tuple[Finding, ...] = ()
 ) -> JointDiagnosis:
     """The verdict, and the next experiment where it leaves something open."""
-    problem, joint, errors = replay.problem, case.joint, data_errors(case.findings, case.joint)
-    (signal, unit), free = problem.signal, problem.free_joint
+    replay, joint, errors = case.replay, case.joint, data_errors(case.findings, case.joint)
+    assert replay is not None
+    problem, free = replay.problem, replay.problem.free_joint
     beyond = unseen_range(problem, measured.simulated["extended"], joint, request.search)
-    after, noise = measured.gap["extended"].rmse, measured.gap["noise_floor"].rmse
-    settled = as_noise_allows(measured.structure, after, noise, is_of_robot(problem))
-    silent = settled and not (measured.causes or measured.turned)
-    held = next((finding for finding in replay.findings if finding.code == HELD), None)
-    asked = problem.joint if silent and held is None else None
-    blind, limits = (blind_spots(asked, search, replay.hidden), detection_limits(asked, search)) if asked else ((), ())
-    tuned = {p.number: measured.values[p.path] for p in search.tuned if p.path in measured.values}
+    silent = measured.settled() and not (measured.causes or measured.turned)
+    asked = problem.joint if silent and case.held is None else None
+    blind, limits = (blind_spots(asked, search, case.hidden), detection_limits(asked, search)) if asked else ((), ())
     unmeasured = () if problem.joint is None else problem.joint.models[0].unknown
     within = [p for p in search.tuned if p.relative and not search.loose and p not in unmeasured]
-    verdict = decide(
-        Replayed(
-            joint,
-            errors=measured.gap,
-            tuned=measured.tuned,
-            causes=measured.causes,
-            left=measured.left,
-            structure=measured.structure,
-            whole_runs=whole_runs(problem),
-            still=case.still,
-            blind_to=blind,
-            beyond=beyond,
-            data_errors=errors,
-            fault_in_replay=unit == "rad"
-            and any(error.column in (f"{joint}.goal", f"{joint}.position") for error in errors),
-            open_causes=measured.open_causes,
-            turned=measured.turned,
-            beside=measured.beside,
-            held=held,
-            hidden=replay.hidden,
-            limits=limits,
-            factors={} if measured.causes else telling(problem, measured.values, within),
-            removed=measured.removed,
-            of_robot=is_of_robot(problem),
-            adrift=measured.adrift,
-        )
-    )
-    rivals = rivals_of(measured.causes)
+    factors = {} if measured.causes else telling(problem, measured.values, within)
+    verdict = decide(Replayed(case, measured, errors, beyond, blind, limits, factors))
     experiment = None
     # of a gap that is explained, a near miss asks for nothing more: it is of the size of the noise
     withdrawn = [cause.name for cause in measured.open_causes if cause.standing == WITHDRAWN]
     asking = withdrawn if verdict.name == EXPLAINED else measured.open_causes
-    unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals or asking
+    unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals_of(measured.causes) or asking
     framed = all(finding.code != DOUBTED for finding in case.findings)  # goals may mean other angles
     if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled and framed:
         wide = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
         experiment = propose(free, left, request.limits, request.seed, wide, replay.stops, replay.along)
+    doubts = recording_reasons(measured.causes, case.findings, request.search)
+    every = (*case.findings, *findings, *(() if beyond is None else (beyond,)), *_faults(search, joint))
     return JointDiagnosis(
-        joint=joint,
-        verdict=verdict.name,
-        sentence=verdict.sentence,
-        signal=signal if "." in signal else f"{joint}.{signal}",
-        unit=unit,
-        gap=measured.gap,
-        causes=measured.causes,
-        unexplained=measured.unexplained,
-        rivals=rivals,
-        experiment=experiment,
-        findings=(*case.findings, *findings, *(() if beyond is None else (beyond,)), *_faults(search, joint)),
-        values=measured.values,
-        tuned=tuned,
-        problem=problem,
-        search=search,
-        simulated=measured.simulated,
-        structure=measured.structure,
-        reasons=(*verdict.reasons, *recording_reasons(measured.causes, case.findings, request.search)),
-        data_errors=errors,
-        tuned_share=measured.tuned_share,
-        open_causes=measured.open_causes,
-        model=measured.model,
-        limits=limits,
-        frames=case.frames,
+        replace(case, findings=every, replay=replace(replay, along=None)),  # no function goes to another process
+        replace(verdict, reasons=(*verdict.reasons, *doubts)),
+        measured,
+        search,
+        errors,
+        experiment,
+        limits,
     )
 
 
@@ -471,11 +454,11 @@ def _found_chain(joint: JointDiagnosis) -> Chain | None:
     return None if joint.problem is None else joint.problem.chain(joint.values)
 
 
-def _first_experiment(runs: Sequence[MeasuredRun], joint: str, reason: Finding, request: Request) -> Experiment | None:
+def _first_experiment(machine: Machine, joint: str, reason: Finding, request: Request) -> Experiment | None:
     """What to run on a joint of a bench that nobody has moved yet."""
     asked = reason.code != "motion.none" or reason.data_error
-    if asked or runs[0].robot != "bench" or joint not in runs[0].actuators or runs[0].joints[joint].goal is None:
+    first = machine[0]
+    if asked or first.robot != "bench" or joint not in first.actuators or first.joints[joint].goal is None:
         return None
-    return experiment_for_still(
-        runs, joint, [JointModel(named_chain(runs[0], joint))], request.limits, request.seed, request.causes
-    )
+    model = JointModel(named_chain(first, joint))
+    return experiment_for_still(machine, joint, [model], request.limits, request.seed, request.causes)

@@ -18,9 +18,9 @@ from typing import Any
 from ...common import plugins
 from ...common.bugs import apart
 from ...common.processes import cores, exit_with_parent
+from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
-from ..log.types import MeasuredRun
 from ..prepare.request import Request
 from ..search.journal import keeping, kept_at
 from ..verdict.verdict import JointDiagnosis
@@ -30,13 +30,13 @@ LOST = (EOFError, OSError)
 """What a queue raises whose own process is gone."""
 TOLD_EVERY = 0.2  # [s] a person sees what joints are at
 MANY = 3  # joints from which processes pay for what it costs to start them
-Diagnose = Callable[[Sequence[MeasuredRun], str, Sequence[Finding], Request], JointDiagnosis]
-"""Diagnoses one joint of runs; a function of a module, so that another process finds it."""
+Diagnose = Callable[[Machine, str, Sequence[Finding], Request], JointDiagnosis]
+"""Diagnoses one joint of a machine; a function of a module, so that another process finds it."""
 
 
 def side_by_side(
     tasks: Mapping[str, Diagnose],
-    runs: Sequence[MeasuredRun],
+    machine: Machine,
     findings: Sequence[Finding],
     request: Request,
     workers: int | None,
@@ -47,7 +47,7 @@ def side_by_side(
 
     Args:
         tasks: what diagnoses each joint, by its name.
-        runs, findings, request: what they are called with.
+        machine, findings, request: what they are called with.
         workers: processes; None: one per core where there are at least :data:`MANY` joints.
         done: is given each joint as soon as it is diagnosed.
         errors: is given what nobody foresaw, by joint, and the other joints go on; None: the first one is raised.
@@ -67,7 +67,7 @@ def side_by_side(
         for number, (joint, diagnose) in enumerate(tasks.items(), 1):
             own = request if len(joints) < 2 else replace(request, progress=_named(joint, request.progress))
             with kept(joint):
-                in_turn.append(_told(diagnose(runs, joint, findings, own), done))
+                in_turn.append(_told(diagnose(machine, joint, findings, own), done))
                 if len(joints) > 1:
                     request.progress(_ended(in_turn[-1], len(joints) - number))
         return in_turn
@@ -84,7 +84,7 @@ def side_by_side(
         asked: dict[Future[JointDiagnosis], str] = {}
         for joint, diagnose in tasks.items():
             own = replace(request, progress=Said(joint, said))
-            asked[pool.submit(_one, diagnose, runs, joint, findings, own, fits)] = joint
+            asked[pool.submit(_one, diagnose, machine, joint, findings, own, fits)] = joint
         try:
             left = set(asked)
             while left:
@@ -107,7 +107,7 @@ def side_by_side(
     for joint in joints:
         if joint not in found and joint not in failed:
             with keeping(_beside(fits, joint)), kept(joint):
-                found[joint] = _told(tasks[joint](runs, joint, findings, request), done)
+                found[joint] = _told(tasks[joint](machine, joint, findings, request), done)
     return [found[joint] for joint in joints if joint in found]
 
 
@@ -203,7 +203,7 @@ def _begin(threads: int) -> None:
 
 def _one(
     diagnose: Diagnose,
-    runs: Sequence[MeasuredRun],
+    machine: Machine,
     joint: str,
     findings: Sequence[Finding],
     request: Request,
@@ -211,7 +211,7 @@ def _one(
 ) -> JointDiagnosis:
     """Body of a process: its fits are kept in a journal of their own, by which another one goes on."""
     with keeping(_beside(fits, joint)):
-        return diagnose(runs, joint, findings, request)
+        return diagnose(machine, joint, findings, request)
 
 
 def _beside(fits: Path | None, joint: str) -> Path | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +127,50 @@ class LoggedRobot:
     def frame(self, name: str) -> Frame:
         """How the log's angle of a joint stands to the model's."""
         return self.frames.get(name, Frame())
+
+
+@dataclass(frozen=True, eq=False)
+class Machine(Sequence[MeasuredRun]):
+    """Runs of one machine, and what they share, worked out once and handed on: it is the sequence of its runs.
+
+    Attributes:
+        runs: in the units of the model.
+    """
+
+    runs: tuple[MeasuredRun, ...]
+
+    @classmethod
+    def of(cls, runs: Iterable[MeasuredRun]) -> Machine:
+        """These runs; themselves where they are a machine's already."""
+        return runs if isinstance(runs, Machine) else cls(tuple(runs))
+
+    @cached_property
+    def robot(self) -> LoggedRobot | None:
+        """The robot whose file their sidecars name, in the frames that they give; None: one of the collection's own.
+
+        Raises:
+            SealegsError: the file cannot be read.
+        """
+        return robot_of(self.runs[0])
+
+    def in_frames(self, frames: Mapping[str, Frame]) -> Machine:
+        """The same runs, with other frames of some joints of the robot."""
+        every = {**(self.robot.frames if self.robot is not None else {}), **frames}
+        said = {name: {"zero": frame.zero, "direction": int(frame.sign)} for name, frame in every.items()}
+        return Machine(with_frames(self.runs, said))
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.runs[index]
+
+    def __iter__(self) -> Iterator[MeasuredRun]:
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the robot, which another process reads once for all of its joints."""
+        return {"runs": self.runs}
 
 
 def robot_of(run: MeasuredRun) -> LoggedRobot | None:

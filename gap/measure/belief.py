@@ -17,7 +17,7 @@ import numpy as np
 from ..search.result import Search
 from .case import Replay
 from .confidence import THRESHOLDS
-from .measured import Measured, is_of_robot, measure
+from .measured import Measured, measure
 from .named import NEAR_MISS, OpenCause
 from .unseen import crossed_errors
 
@@ -31,7 +31,7 @@ def measured_within_belief(replay: Replay, search: Search, joint: str, seed: int
         joint: its name.
         seed: of all resampling.
     """
-    measured = measure(replay.problem, replay.fitting, search, joint, replay.wide, seed)
+    measured = measure(replay, search, joint, seed)
     if search.loose or not _is_doubtful(replay, measured):
         return measured, search
     times = _without(replay, measured, search)
@@ -39,7 +39,7 @@ def measured_within_belief(replay: Replay, search: Search, joint: str, seed: int
     if not (near or replay.problem.open_loop):
         return measured, search
     less = search.less([candidate.cause.key for candidate in search.accepted])
-    again = measure(replay.problem, replay.fitting, less, joint, replay.wide, seed)
+    again = measure(replay, less, joint, seed)
     if not (near or (again.adrift is not None and again.adrift.allows(replay.problem.noise))):
         return measured, search
     why = "without it, no more is left than adds up in a replay that no goal holds"
@@ -53,7 +53,7 @@ def measured_within_belief(replay: Replay, search: Search, joint: str, seed: int
 def _is_doubtful(replay: Replay, measured: Measured) -> bool:
     """Whether it is a joint of a robot with causes of which none is certain."""
     sure = any(cause.confidence >= THRESHOLDS.certain for cause in measured.causes)
-    return is_of_robot(replay.problem) and bool(measured.causes) and not sure
+    return replay.of_robot and bool(measured.causes) and not sure
 
 
 def _without(replay: Replay, measured: Measured, search: Search) -> float:
@@ -61,4 +61,4 @@ def _without(replay: Replay, measured: Measured, search: Search) -> float:
     problem = replay.problem
     halves = crossed_errors(problem, [fit.values for fit in search.base])
     unseen = float(np.sqrt(np.mean(halves**2)))
-    return max(unseen, measured.tuned.rmse) / problem.noise
+    return max(unseen, measured.tuned_error.rmse) / problem.noise

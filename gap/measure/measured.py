@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -24,12 +24,15 @@ from ..search.settings import DEFAULT
 from ..search.sketch import coarsened, most_iterations
 from ..search.structure import Structure, structure, told_in
 from .adrift import begun_fit, left_by
-from .confidence import THRESHOLDS, Adrift, confidence, law_error, standing
+from .case import Replay
+from .confidence import THRESHOLDS, Adrift, Thresholds, as_noise_allows, confidence, law_error, standing
 from .harm import harm
 from .named import Error, NamedCause, OpenCause, Value
 from .shares import owed
 from .signatures import Signature, disagreeing, signatures
 from .unseen import Handed, Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
+
+NOT_TUNED = Error(float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,52 +40,76 @@ class Measured:
     """Errors, causes and what is left of a search's models.
 
     Attributes:
-        gap: error of each model on the test part, as :attr:`JointDiagnosis.gap`.
-        tuned: error there of the nominal model, tuned within its tolerance.
-        values: parameters of the extended model.
-        simulated: channels of each model over the whole problem (n, 4).
+        gap: error of each model on the test part, by ``nominal``, ``refitted`` (its own numbers up to fivefold, nothing
+            added), ``extended`` (with the causes), ``noise_floor``.
+        tuned_error: error there of the nominal model, tuned within its tolerance.
+        values: of all parameters of the extended model, by path; a ``*`` marks a factor.
+        simulated: channels of the models over the whole problem, by model name (n, 4).
         left: share of the nominal mean squared error beyond the noise that stays on the test part.
         unexplained: the same, at least what the structure is of it.
         structure: what is left of the error that is not noise.
         causes: largest share first.
+        tuned: numbers of the nominal model that moved within their tolerance, as factors; where ``model`` is
+            ``refitted``, up to fivefold.
         tuned_share: share that the extended model owes to its tuned numbers.
-        open_causes: withdrawn ones and near misses.
+        shared_share: of a joint of a robot, the share that what was found of the whole robot takes away.
+        shared: causes of all joints, by the number of this joint's chain that each of them changes.
+        open_causes: withdrawn ones, and near misses with what they lack.
         model: which model is handed over: ``extended``, ``refitted`` or ``nominal``.
         turned: the numbers that refitting turned furthest, where that is the model.
         beside: the same, where they were refitted beside the causes by more than their tolerance.
-        removed, adrift: as of :class:`sealegs.gap.verdict.evidence.Replayed`.
+        removed: where numbers were refitted beside the causes, the share of what these numbers leave on all data that
+            no fit saw, and that the causes remove; None elsewhere: on the test part, of what tuned numbers leave.
+        adrift: of a joint of a robot that nothing holds, what its replay may be off by anyway.
+        whole_runs: whether the test part is whole runs, not pieces of runs that were fitted elsewhere.
+        of_robot: whether it is of a joint of a robot, whose other bodies are believed.
     """
 
-    gap: dict[str, Error]
-    tuned: Error
-    values: dict[str, float]
-    simulated: dict[str, np.ndarray]
-    left: float
-    unexplained: float
-    structure: Structure
-    causes: tuple[NamedCause, ...]
-    tuned_share: float
+    gap: Mapping[str, Error] = field(default_factory=dict)
+    tuned_error: Error = NOT_TUNED
+    values: Mapping[str, float] = field(default_factory=dict)
+    simulated: Mapping[str, np.ndarray] = field(default_factory=dict)
+    left: float = 0.0
+    unexplained: float = 0.0
+    structure: Structure | None = None
+    causes: tuple[NamedCause, ...] = ()
+    tuned: Mapping[str, float] = field(default_factory=dict)
+    tuned_share: float = 0.0
+    shared_share: float = 0.0
+    shared: Mapping[str, str] = field(default_factory=dict)
     open_causes: tuple[OpenCause, ...] = ()
     model: str = "extended"
     turned: str = ""
     beside: str = ""
     removed: float | None = None
     adrift: Adrift | None = None
+    whole_runs: bool = True
+    of_robot: bool = False
+
+    def settled(self, limit: Thresholds = THRESHOLDS) -> bool:
+        """As :func:`as_noise_allows`, of the model that is handed over."""
+        error, noise = self.gap["extended"].rmse, self.gap["noise_floor"].rmse
+        return self.structure is None or as_noise_allows(self.structure, error, noise, self.of_robot, limit)
+
+    def adds_up(self, limit: Thresholds = THRESHOLDS) -> bool:
+        """Whether what is left is no more than what adds up in a replay that nothing holds."""
+        return self.adrift is not None and self.adrift.allows(self.gap["noise_floor"].rmse, limit)
+
+    def only_starts(self, limit: Thresholds = THRESHOLDS) -> bool:
+        """Whether what is left is no more than where pieces begin does to a replay that nothing holds."""
+        return self.adrift is not None and self.adrift.at_noise(self.gap["noise_floor"].rmse, limit)
 
 
-def measure(
-    problem: Problem, fitting: Problem, search: Search, joint: str, wide: Sequence[Parameter], seed: int
-) -> Measured:
+def measure(replay: Replay, search: Search, joint: str, seed: int) -> Measured:
     """Fit the models once more to all that may be fitted, and judge them on the test part.
 
     Args:
-        problem: all data.
-        fitting: the same as the search saw them.
+        replay: that was searched.
         search: what was found.
         joint: its name.
-        wide: what refitting alone may turn, and how far; nothing where causes are held against what was found before.
         seed: of all resampling.
     """
+    problem, fitting, wide = replay.problem, replay.fitting, replay.wide
     fitted, test = fitting.part(FIT_A, FIT_B), problem.part(TEST)
     evaluations = most_iterations(fitted, search.settings)
     model = effective(fitting, search, seed)
@@ -91,7 +118,7 @@ def measure(
         most = search.settings.iterations
         refitted = whole_fit(problem, wide, refitted, most)
         model = model.with_fit(whole_fit(problem, model.search.parameters(), model.fitted, most))
-    drifts = problem.joint if problem.open_loop and is_of_robot(problem) else None
+    drifts = problem.joint if problem.open_loop and replay.of_robot else None
     if drifts is not None and model.search.accepted:
         model = model.with_fit(begun_fit(drifts, model.search.parameters(), model.fitted, search.settings.iterations))
     sought, open_causes = model.search, model.withdrawn
@@ -119,7 +146,7 @@ def measure(
     named = bool(sought.accepted)
     chosen = handed_over(
         unseen, problem.signal[1], seed, draws,
-        named=named, crossed=crossed, loose=search.loose, noise=problem.noise, of_robot=is_of_robot(problem),
+        named=named, crossed=crossed, loose=search.loose, noise=problem.noise, of_robot=replay.of_robot,
     )  # fmt: skip
     if chosen.model != "nominal" and problem.joint is not None:
         rows = problem.simulate([{}, found[chosen.model]])
@@ -179,16 +206,17 @@ def measure(
     turned = with_alike({p.number for p in wide}, own)
     account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, turned, led)
     freed = own if handed == "extended" and sought.loose else None
-    causes, tuned_share = _name_causes(fitting, sought, model, joint, account, unnamed, features)
+    causes, tuned_share = _name_causes(replay, sought, model, joint, account, unnamed, features)
     return Measured(
         gap=gap,
-        tuned=errors["tuned"],
+        tuned_error=errors["tuned"],
         values=values,
         simulated=simulated,
         left=left,
         unexplained=unexplained,
         structure=rest,
         causes=causes,
+        tuned={p.number: values[p.path] for p in search.tuned if p.path in values},
         tuned_share=tuned_share,
         open_causes=(*open_causes, *near_misses(search)),
         model="extended" if handed == "tuned" else handed,
@@ -196,12 +224,9 @@ def measure(
         beside="" if freed is None else refitted_numbers(_others(wide, causes), values, adjustable(freed)),
         removed=beyond if search.loose and sought.accepted else None,
         adrift=drift,
+        whole_runs=whole_runs(problem),
+        of_robot=replay.of_robot,
     )
-
-
-def is_of_robot(problem: Problem) -> bool:
-    """Whether it is of a joint of a robot that is replayed alone, whose other bodies are believed."""
-    return problem.joint is not None and problem.joint.terms is not None
 
 
 def _others(wide: Sequence[Parameter], causes: Sequence[NamedCause]) -> list[Parameter]:
@@ -305,7 +330,7 @@ def beyond_refitting(refitted: float, extended: float) -> float:
 
 
 def _name_causes(
-    fitting: Problem,
+    replay: Replay,
     search: Search,
     model: Model,
     joint: str,
@@ -316,12 +341,13 @@ def _name_causes(
     """Causes with shares, confidence, rivals and intervals, and the share of the tuned numbers."""
     if not search.accepted:
         return (), account.explained
+    fitting = replay.fitting
     debts = owed(coarsened(fitting, search.settings), search)
     shares, tuned_share = debts.shares(account.explained)
     final = search.accepted[-1]
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
-    neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if is_of_robot(fitting) else 0.0
+    neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if replay.of_robot else 0.0
     named = []
     for k, (candidate, share, without) in enumerate(zip(search.accepted, shares, debts.without, strict=True)):
         removed = float((rounds[k].before.sum() - candidate.blocks.sum()) / search.counts.sum())

@@ -15,11 +15,13 @@ from ...common.documents import DocumentError, read_json
 from ...common.errors import SealegsError
 from ..experiment import DetectionLimit, Experiment, read_goals
 from ..log.finding import Finding
+from ..measure.case import Case
+from ..measure.measured import Measured
 from ..measure.named import CERTAIN, Error, NamedCause, OpenCause, Value
 from ..measure.signatures import Signature
 from ..search.structure import Structure
 from ..verdict.decide import overall as overall_verdict
-from ..verdict.verdict import NOT_IDENTIFIABLE, PARTLY, DataError, JointDiagnosis, Reason
+from ..verdict.verdict import NOT_IDENTIFIABLE, PARTLY, DataError, JointDiagnosis, Reason, Verdict
 from .extension import changes, not_native
 
 VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
@@ -85,7 +87,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
             "rivals": list(experiment.rivals),
             "table": experiment.table,
         },
-        "tuned": diagnosis.tuned,
+        "tuned": dict(diagnosis.tuned),
         "findings": [asdict(finding) for finding in diagnosis.findings],
     }
 
@@ -198,13 +200,10 @@ def joints_of(document: Mapping[str, Any], folder: Path) -> tuple[JointDiagnosis
 
 
 def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
-    gap = row["gap"]
-    found = row.get("structure")
-    return _made(
-        JointDiagnosis,
+    gap, found = row["gap"], row.get("structure")
+    measured = _made(
+        Measured,
         row,
-        signal=gap["signal"],
-        unit=gap["unit"],
         gap={key: _made(Error, value) for key, value in gap.items() if isinstance(value, dict)},
         causes=tuple(
             _made(
@@ -216,20 +215,23 @@ def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
             )
             for cause in row["causes"]
         ),
-        reasons=tuple(_made(Reason, reason) for reason in row["reasons"]),
+        open_causes=tuple(_made(OpenCause, cause) for cause in row.get("open_causes", ())),
+        structure=None
+        if found is None
+        else _made(Structure, found, depends_on=tuple((name, share) for name, share in found.get("depends_on", ()))),
+    )
+    findings = tuple(Finding(**finding) for finding in row["findings"])
+    reasons = tuple(_made(Reason, reason) for reason in row["reasons"])
+    return JointDiagnosis(
+        Case(row["joint"], findings, gap["signal"], gap["unit"], frames=row.get("frames")),
+        Verdict(row["verdict"], row["sentence"], reasons),
+        measured,
         data_errors=tuple(
             _made(DataError, error, values={path: _made(Value, value) for path, value in error["values"].items()})
             for error in row["data_errors"]
         ),
-        rivals=tuple(row["rivals"]),
-        open_causes=tuple(_made(OpenCause, cause) for cause in row.get("open_causes", ())),
-        limits=tuple(_made(DetectionLimit, limit) for limit in row.get("limits", ())),
-        frames=row.get("frames"),
         experiment=_experiment(row.get("next_experiment"), folder),
-        findings=tuple(Finding(**finding) for finding in row["findings"]),
-        structure=None
-        if found is None
-        else _made(Structure, found, depends_on=tuple((name, share) for name, share in found.get("depends_on", ()))),
+        limits=tuple(_made(DetectionLimit, limit) for limit in row.get("limits", ())),
     )
 
 

@@ -12,7 +12,7 @@ from ...actuators import Chain, load_chain
 from ...common.errors import SealegsError
 from ...envs.described.as_robot import as_robot
 from ...envs.extended import Extended
-from ..load.robot import LoggedRobot, robot_of
+from ..load.robot import LoggedRobot, Machine
 from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
 from ..prepare.checking import check_log
@@ -46,12 +46,11 @@ def confirm_whole(
         By joint the root mean square of the error of each model, in the unit of the joint; a ``reason`` where the robot
         cannot be simulated so; None where the log is of no robot with a file.
     """
-    if robot_of(data.runs[0]) is None:
+    if Machine.of(data.runs).robot is None:
         return None
     data, *_ = check_log(data, lambda text: None)  # in the model's units, and mended as where it was judged
-    data = as_taken(data, diagnoses)
-    data = replace(data, runs=tuple(without_rests(data.runs)[0]))
-    robot = robot_of(data.runs[0])
+    machine, _ = without_rests(Machine.of(as_taken(data, diagnoses).runs))
+    data, robot = replace(data, runs=machine.runs), machine.robot
     if robot is None:
         return None
     if (why := why_not_whole(robot, data.runs)) is not None:

@@ -13,7 +13,7 @@ from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.motion import LARGEST_ANGLE
 from ..checks.off import released
 from ..checks.signal import quantisation_step
-from ..load.robot import robot_of
+from ..load.robot import Machine
 from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
@@ -36,13 +36,13 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     robot = data.runs[0].robot
     if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
-    machine = robot_of(data.runs[0])
+    logged = Machine.of(data.runs).robot
     of_joints: list[Finding] = []
-    if machine is not None:
+    if logged is not None:
         _alike(data)
-        of_joints = check_robot(data.runs, machine)  # before units of a joint that there is not
+        of_joints = check_robot(data.runs, logged)  # before units of a joint that there is not
     recorded = data
-    data, said = in_model_units(data, machine)
+    data, said = in_model_units(data, logged)
     converted = {run.name: _converted(run, now) for run, now in zip(recorded.runs, data.runs, strict=True)}
     for run, now in zip(recorded.runs, data.runs, strict=True):
         _check_steps(run, converted[run.name])
@@ -55,7 +55,7 @@ def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[
     if mended is not marked:  # once more: a goal in another unit or direction looks away
         mended, off = released(_unmarked(mended, data))
     every += off + [note for note in said if note not in every]  # mending asks the columns anew
-    runs, of_drives = with_whole_goals(mended.runs)
+    runs, of_drives = with_whole_goals(Machine.of(mended.runs))
     told = {finding.joint for finding in of_drives if finding.code == TAKEN}
     every = [f for f in every if not (f.code == "goal.still" and f.joint in told)]  # it is not all that was told
     mended, every = _without_bad_goals(replace(mended, runs=runs), every)

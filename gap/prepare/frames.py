@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..causes.catalogue import adjustable, catalogue
-from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
+from ..load.robot import Frame, LoggedRobot, Machine
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.progress import Progress
@@ -52,42 +52,41 @@ def _unchecked(columns: Sequence[str]) -> Finding:
 
 
 def in_likely_frames(
-    runs: Sequence[MeasuredRun], progress: Progress, test_group: str | None = None
-) -> tuple[Sequence[MeasuredRun], list[Finding]]:
+    machine: Machine, progress: Progress, test_group: str | None = None
+) -> tuple[Machine, list[Finding]]:
     """The runs of a robot with the frames that its torques and its replay ask for, and what is to be said of frames.
 
     Frames that the sidecar gives are doubted, and kept.
 
     Args:
-        runs: of one machine.
+        machine: that was logged.
         progress: is told what goes on.
         test_group: group of runs that no choice may see.
 
     Raises:
         SealegsError: a chain or the robot's file cannot be read, or there is no such group.
     """
-    robot = robot_of(runs[0])
+    robot, runs = machine.robot, machine.runs
     if robot is None or robot.file.base == "free":
-        return runs, []
+        return machine, []
     if missing := needed(robot, range(robot.model.njnt), logged(robot, runs)):
-        return runs, [_unchecked([f"{robot.column(number)}.position" for number in missing])]
+        return machine, [_unchecked([f"{robot.column(number)}.position" for number in missing])]
     progress("comparing zeros and directions of log and model")
     hidden = held_out(runs, test_group)
     given = {name for k, run in enumerate(runs) if k not in hidden for name in run.meta.get("frames") or {}}
-    framed: Sequence[MeasuredRun] = runs
+    framed = machine
     found: list[Found] = []
     try:
         for stage in (_first_slides, _hinges, _other_slides):
-            seen = [run for k, run in enumerate(framed) if k not in hidden]
-            robot = robot_of(seen[0]) or robot
-            found.append(stage(Stage(seen, robot, given, found, progress)))
+            seen = Machine.of(run for k, run in enumerate(framed) if k not in hidden)
+            found.append(stage(Stage(seen, seen.robot or robot, given, found, progress)))
             if found[-1].frames:
-                framed = _in_frames(framed, robot, found[-1].frames)
+                framed = framed.in_frames(found[-1].frames)
     except NUMERICAL as error:
         said = (
             f"Zeros and directions could not be compared ({type(error).__name__}: {error}); the model's are believed."
         )
-        return runs, [Finding("robot.frame_fault", "warning", None, None, said)]
+        return machine, [Finding("robot.frame_fault", "warning", None, None, said)]
     doubts = [doubt for stage in found for doubt in stage.doubts]
     for doubt in doubts:
         progress(doubt.sentence)  # whoever sees it may stop and mend it
@@ -100,14 +99,14 @@ class Stage:
     """What joints of some kind are judged by.
 
     Attributes:
-        runs: in the frames that were taken so far.
-        robot: of them.
+        machine: in the frames that were taken so far.
+        robot: of it.
         given: joints whose frame the sidecar gives.
         found: by the stages before.
         progress: is told what goes on.
     """
 
-    runs: Sequence[MeasuredRun]
+    machine: Machine
     robot: LoggedRobot
     given: Collection[str]
     found: Sequence[Found]
@@ -133,19 +132,19 @@ class Found:
 
 
 def _hinges(stage: Stage) -> Found:
-    runs, robot = stage.runs, stage.robot
-    compared = compare_frames(robot, runs, _models(runs, robot))
+    machine, robot = stage.machine, stage.robot
+    compared = compare_frames(robot, machine, _models(machine, robot))
     if compared is None:
         return Found()
     if not compared.proposed:
         return Found(zeros=compared.silent)
-    before = _missed(runs)
-    trial = _as_replayed(runs, robot, compared)
-    if not (_tells(robot, runs, trial.proposed.frames, stage.given) and _better(before, trial.missed)):
+    before = _missed(machine)
+    trial = _as_replayed(machine, compared)
+    if not (_tells(robot, machine, trial.proposed.frames, stage.given) and _better(before, trial.missed)):
         doubt = _doubted(compared, trial.proposed)
         return Found({}, trial.proposed.frames, [doubt], compared.silent)
     stage.progress("fitting the zeros that are taken")
-    trial = _refined(runs, robot, trial)
+    trial = _refined(machine, robot, trial)
     doubt = _taken(compared, trial.proposed, before, trial.missed)
     return Found(trial.proposed.frames, (), [doubt], compared.silent)
 
@@ -161,8 +160,8 @@ def _other_slides(stage: Stage) -> Found:
 
 
 def _slides(stage: Stage, *, outside: bool) -> Found:
-    runs, robot = stage.runs, stage.robot
-    compared = compare_slides(robot, runs, _models(runs, robot), outside=outside)
+    machine, robot = stage.machine, stage.robot
+    compared = compare_slides(robot, machine, _models(machine, robot), outside=outside)
     if compared is None:
         return Found()
     silent = () if outside else compared.silent
@@ -172,7 +171,7 @@ def _slides(stage: Stage, *, outside: bool) -> Found:
     doubtful = {**compared.doubtful, **{name: frame for name, frame in compared.told.items() if name in stage.given}}
     doubts = []
     if told:
-        before, after = (_missed(some, slides=True) for some in (runs, _in_frames(runs, robot, told)))
+        before, after = (_missed(some, slides=True) for some in (machine, machine.in_frames(told)))
         alone = all(name in run for run in before for name in told)  # what a force drives is only doubted
         if alone and _nearer(before, after):
             doubts.append(_turned(compared, told, before, after))
@@ -199,11 +198,9 @@ class Trial:
     missed: Missed
 
 
-def _as_replayed(runs: Sequence[MeasuredRun], robot: LoggedRobot, compared: Compared) -> Trial:
+def _as_replayed(machine: Machine, compared: Compared) -> Trial:
     """The plainest frames that are proposed, unless the nominal replay asks for further ones."""
-    first, *others = (
-        Trial(proposed, _missed(_in_frames(runs, robot, proposed.frames))) for proposed in compared.proposed
-    )
+    first, *others = (Trial(proposed, _missed(machine.in_frames(proposed.frames))) for proposed in compared.proposed)
     chosen = first
     for other in others:
         if _together(other.missed) <= ASKED * _together(chosen.missed):  # not where a replay diverged
@@ -211,7 +208,7 @@ def _as_replayed(runs: Sequence[MeasuredRun], robot: LoggedRobot, compared: Comp
     return chosen
 
 
-def _refined(runs: Sequence[MeasuredRun], robot: LoggedRobot, trial: Trial) -> Trial:
+def _refined(machine: Machine, robot: LoggedRobot, trial: Trial) -> Trial:
     """The same with zeros that were sought by torques fitted to the replay, which tells them some ten times better; as
     they were where that is clearly worse.
     """
@@ -220,18 +217,18 @@ def _refined(runs: Sequence[MeasuredRun], robot: LoggedRobot, trial: Trial) -> T
     if not sought:
         return trial
     for _ in range(REFINED):
-        framed = _in_frames(runs, robot, frames)
+        framed = machine.in_frames(frames)
         moved = {name: _offset(framed, name) for name in sought}
         frames |= {name: replace(frames[name], zero=frames[name].zero + moved[name]) for name in sought}
         if max(map(abs, moved.values())) < SETTLED:
             break
-    fitted = Trial(replace(trial.proposed, frames=frames), _missed(_in_frames(runs, robot, frames)))
+    fitted = Trial(replace(trial.proposed, frames=frames), _missed(machine.in_frames(frames)))
     return fitted if ASKED * _together(fitted.missed) < _together(trial.missed) else trial
 
 
-def _offset(runs: Sequence[MeasuredRun], joint: str) -> float:
+def _offset(machine: Machine, joint: str) -> float:
     """How far the zero of a joint is off in the log's frame [rad], beside the model's own numbers up to fivefold."""
-    pieces = cut_joint(runs, joint, None)
+    pieces = cut_joint(machine, joint, None)
     if pieces.terms is None:
         return 0.0
     scales = {"position": 1.0 / pieces.noise}
@@ -278,24 +275,18 @@ def _nearer(before: Missed, after: Missed) -> bool:
     )
 
 
-def _in_frames(runs: Sequence[MeasuredRun], robot: LoggedRobot, frames: Mapping[str, Frame]) -> tuple[MeasuredRun, ...]:
-    every = {**robot.frames, **frames}
-    said = {name: {"zero": frame.zero, "direction": int(frame.sign)} for name, frame in every.items()}
-    return with_frames(runs, said)
-
-
-def _missed(runs: Sequence[MeasuredRun], *, slides: bool = False) -> Missed:
+def _missed(machine: Machine, *, slides: bool = False) -> Missed:
     """Of hinges, with ``slides`` of all joints."""
-    robot = robot_of(runs[0])
+    robot = machine.robot
     if robot is None:
-        return [{} for _ in runs]
+        return [{} for _ in machine]
     return [
         {
             joint: float(np.mean(problem.position_error(problem.simulate([{}])[0]) ** 2))
             for joint, problem in nominal_replays(robot, [run]).items()
             if slides or not robot.slides(joint)
         }
-        for run in runs
+        for run in machine
     ]
 
 

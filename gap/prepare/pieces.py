@@ -15,7 +15,7 @@ from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..experiment import Along
 from ..load.pendulum import hung
-from ..load.robot import LoggedRobot, robot_of
+from ..load.robot import LoggedRobot, Machine
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
@@ -56,10 +56,19 @@ class Cut:
     along: Along | None = None
 
 
-def cut_joint(
-    runs: Sequence[MeasuredRun], joint: str, test_group: str | None, more: Sequence[Array] | None = None
-) -> Cut:
-    robot = robot_of(runs[0])
+def cut_joint(machine: Machine, joint: str, test_group: str | None, more: Sequence[Array] | None = None) -> Cut:
+    """One joint of a machine, cut into parts.
+
+    Args:
+        machine: that was logged.
+        joint: its name.
+        test_group: group of runs that is kept for the test.
+        more: of a joint of a robot, what is added to the load that its file gives, in each run (samples, T_SIZE).
+
+    Raises:
+        SealegsError: a chain cannot be had, or the runs are too short.
+    """
+    robot, runs = machine.robot, machine.runs
     missing = [run.name for run in runs if joint not in run.actuators]
     if missing and robot is None:
         raise LogError(f"{missing[0]}: the sidecar names no actuator for joint '{joint}'; add it under 'actuators'.")
@@ -69,7 +78,7 @@ def cut_joint(
         armature = chains[0].armature()
         why = not_free(robot, joint, runs, armature)
         if why is not None:
-            runs = untouched(runs, joint)
+            runs = tuple(untouched(runs, joint))
         else:
             terms = terms_of(robot, joint, runs, _motions(robot, _Logged(_digest(runs), tuple(runs))))
             for table, added in zip(terms, more or (), strict=False):

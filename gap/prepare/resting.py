@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..load.resting import Resting, find_resting
-from ..load.robot import robot_of
+from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.progress import Progress
@@ -28,35 +28,36 @@ LISTED = 4  # contacts that are said with their times
 
 
 def without_rests(
-    runs: Sequence[MeasuredRun], progress: Progress = lambda text: None, test_group: str | None = None
-) -> tuple[Sequence[MeasuredRun], list[Finding]]:
+    machine: Machine, progress: Progress = lambda text: None, test_group: str | None = None
+) -> tuple[Machine, list[Finding]]:
     """The runs of a robot with its contacts marked at the joints that carry what touches, and what is said of them.
 
     Args:
-        runs: of one machine, in the model's frames.
+        machine: in the model's frames.
         progress: is told what is found.
         test_group: group of runs that is kept for the test.
 
     Raises:
         LogError: there is no such group.
     """
-    robot = robot_of(runs[0])
+    robot, runs = machine.robot, machine.runs
     if robot is None or robot.file.base == "free":
-        return runs, []
+        return machine, []
     if (touches := [touches_of(robot, run) for run in runs]) and any(touches):
-        return _off_scene(runs, touches, progress, test_group)
+        marked, told = _off_scene(runs, touches, progress, test_group)
+        return Machine.of(marked), told
     try:
         resting = find_resting(robot, runs)
     except NUMERICAL as error:
         said = f"Whether the robot rests on something could not be told ({type(error).__name__}: {error})."
-        return runs, [Finding("robot.rests_fault", "warning", None, None, said)]
+        return machine, [Finding("robot.rests_fault", "warning", None, None, said)]
     if resting is None:
-        return runs, []
+        return machine, []
     marked = [_marked(run, resting) for run in runs]
     enough = all(_enough(runs, marked, joint, test_group) for joint in resting.joints)
     finding = _finding(resting, runs, left_out=enough)
     progress(finding.sentence)
-    return marked if enough else runs, [finding]
+    return Machine.of(marked) if enough else machine, [finding]
 
 
 def _off_scene(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ...actuators.stages.controller import Ideal
-from ..load.robot import robot_of
+from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.types import BESIDE_GOAL, JointLog, MeasuredRun
 from .pieces import chain_of
@@ -14,20 +14,20 @@ from .pieces import chain_of
 TAKEN, UNUSED = "command.beside", "command.unused"
 
 
-def with_whole_goals(runs: Sequence[MeasuredRun]) -> tuple[tuple[MeasuredRun, ...], list[Finding]]:
+def with_whole_goals(machine: Machine) -> tuple[tuple[MeasuredRun, ...], list[Finding]]:
     """The runs with goals that hold all that their drives were told, and what is to be said of them.
 
     ``stiffness (goal - position) + damping (goal velocity - speed) + torque`` is what the same drive gives for the goal
     ``goal + (damping goal velocity + torque) / stiffness`` alone: what replays a goal replays an impedance drive.
 
     Args:
-        runs: of one machine, in the units of its model. A run whose joint has no chain is left to what asks for it.
+        machine: in the units of its model. A run whose joint has no chain is left to what asks for it.
 
     Raises:
         SealegsError: a chain cannot be read.
     """
-    robot, notes, whole = robot_of(runs[0]), {}, []
-    for run in runs:
+    robot, notes, whole = machine.robot, {}, []
+    for run in machine:
         joints = dict(run.joints)
         for name, log in run.joints.items():
             beside = [signal for signal in BESIDE_GOAL if getattr(log, signal) is not None]

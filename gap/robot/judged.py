@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..load.robot import LoggedRobot
+from ..load.robot import Machine
 from ..log.finding import Finding
-from ..log.types import MeasuredRun
+from ..measure.case import Case, Replay
 from ..measure.confidence import THRESHOLDS
-from ..measure.measured import Measured, measure, whole_runs
+from ..measure.measured import Measured, measure
 from ..prepare.request import Request
 from ..search.structure import listed, told_in
 from ..verdict.decide import decide
 from ..verdict.evidence import Replayed
-from ..verdict.verdict import JointDiagnosis, Reason, rivals_of
+from ..verdict.verdict import JointDiagnosis, Reason
 from .encoders import ENCODERS, in_light
 from .joints import Again, joints_of
 from .search import ROBOT, SharedFound, affected, search_shared
@@ -25,8 +25,7 @@ SHARED = "robot.shared"
 
 
 def with_robot(
-    robot: LoggedRobot,
-    runs: Sequence[MeasuredRun],
+    machine: Machine,
     found: Sequence[JointDiagnosis],
     request: Request,
     again: Again,
@@ -34,13 +33,14 @@ def with_robot(
     """Diagnoses of the joints with one of the robot behind them, where they share a cause; else as they are.
 
     Args:
-        robot: that was logged.
-        runs: of it.
+        machine: that was logged, of a robot with a file.
         found: about each joint.
         request: what was asked for.
         again: diagnoses joints again.
     """
-    light = in_light(robot, runs, found, request, again)
+    robot = machine.robot
+    assert robot is not None
+    light = in_light(robot, machine, found, request, again)
     found, runs = light.found, light.runs
     joints = joints_of(found, request.search)
     named = {d.joint: [cause.name for cause in d.causes] for d in found}
@@ -65,7 +65,7 @@ def with_robot(
     if not sought.widespread():
         return _not_named(found, f"{names} would lower the error of fewer than two joints by a tenth", request)
     request.progress("measuring what joints share on runs that nothing has seen")
-    measured = measure(sought.problem, sought.problem, sought.search, ROBOT, (), request.seed)
+    measured = measure(Replay(sought.problem, sought.problem), sought.search, ROBOT, request.seed)
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
     surest = max((cause.confidence for cause in measured.causes), default=0.0)
     if surest < THRESHOLDS.sure:  # what joints say stands
@@ -94,7 +94,7 @@ def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> l
     sentence = f"Nothing is said of the whole robot: {why}. What was found of each joint stands."
     request.progress(sentence)
     return [
-        replace(one, findings=(*one.findings, Finding(NOT_NAMED, "note", one.joint, None, sentence))) for one in found
+        one.changed(findings=(*one.findings, Finding(NOT_NAMED, "note", one.joint, None, sentence))) for one in found
     ]
 
 
@@ -117,8 +117,7 @@ def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> Joi
     simulated = dict(now.simulated)
     if "nominal" in before.simulated:
         simulated["nominal"] = before.simulated["nominal"]
-    return replace(
-        now,
+    return now.changed(
         gap={**now.gap, "nominal": before.gap["nominal"]},
         simulated=simulated,
         causes=tuple(replace(cause, share=cause.share * kept) for cause in now.causes),
@@ -131,36 +130,6 @@ def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> Joi
 
 def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:
     """What is said of the robot."""
-    verdict = decide(
-        Replayed(
-            ROBOT,
-            measured.gap,
-            measured.tuned,
-            measured.causes,
-            measured.left,
-            measured.structure,
-            whole_runs(sought.problem),
-            open_causes=measured.open_causes,
-            turned=measured.turned,
-        )
-    )
-    return JointDiagnosis(
-        joint=ROBOT,
-        verdict=verdict.name,
-        sentence=verdict.sentence,
-        signal=f"{ROBOT}.position",
-        unit=sought.problem.signal[1],
-        gap=measured.gap,
-        causes=measured.causes,
-        unexplained=measured.unexplained,
-        rivals=rivals_of(measured.causes),
-        experiment=None,
-        findings=(),
-        values=values,
-        search=sought.search,
-        structure=measured.structure,
-        reasons=verdict.reasons,
-        tuned_share=measured.tuned_share,
-        open_causes=measured.open_causes,
-        model=measured.model,
-    )
+    case = Case(ROBOT, signal=f"{ROBOT}.position", unit=sought.problem.signal[1])
+    shared = replace(measured, values=values, simulated={}, tuned={})
+    return JointDiagnosis(case, decide(Replayed(case, shared)), shared, sought.search)

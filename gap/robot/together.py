@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...common.errors import SealegsError
-from ..measure.case import Replay
+from ..measure.case import Case, Replay
 from ..measure.confidence import standing
+from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, Value
 from ..prepare.request import Request
 from ..replay.problem import NOISE_FLOORS
@@ -18,7 +19,7 @@ from ..search.latency import DELAY, NUMBER, Latency, latency_of
 from ..search.look import Look, look
 from ..search.structure import fine
 from ..verdict.evidence import Refused
-from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason
+from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Verdict
 from .search import ROBOT
 
 SENTENCE = "Commands take effect at another time than the model believes, at all joints alike: the bus."
@@ -89,8 +90,7 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
     gap = max(before - noise.rmse**2, 1e-24)
     share = float(np.clip((before - after) / gap, 0.0, diagnosis.tuned_share))
     reason = Reason("shared", f"All joints share a {told(found)}: {100.0 * share:.0f} % of this gap.")
-    diagnosis = replace(
-        diagnosis,
+    diagnosis = diagnosis.changed(
         shared_share=share,
         tuned_share=diagnosis.tuned_share - share,
         shared={NUMBER: DELAY},
@@ -109,7 +109,7 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
         f"The latency of all joints, {1e3 * found.value:.1f} ms, explains the gap of '{diagnosis.joint}': error "
         f"{fine(errors[0], diagnosis.unit)} to {fine(errors[1], diagnosis.unit)}."
     )
-    return replace(diagnosis, verdict=EXPLAINED, sentence=sentence)
+    return diagnosis.changed(verdict=EXPLAINED, sentence=sentence)
 
 
 def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> list[JointDiagnosis]:
@@ -140,21 +140,15 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
     known = next((one for one in diagnoses if one.joint == ROBOT), None)
     if known is not None:
         causes = tuple(sorted((cause, *known.causes), key=lambda named: -named.share))
-        joined = replace(known, causes=causes, reasons=(Reason("shared", sentence), *known.reasons))
+        joined = known.changed(causes=causes, reasons=(Reason("shared", sentence), *known.reasons))
         return [joined if one is known else one for one in diagnoses]
-    whole = JointDiagnosis(
-        joint=ROBOT,
-        verdict=EXPLAINED if share >= MOSTLY else PARTLY,
-        sentence=sentence,
-        signal=f"{ROBOT}.position",
-        unit=NOISE_FLOORS,
+    reason = Reason("shared", f"It is of the same size at {', '.join(found.joints)}.")
+    measured = Measured(
         gap={name: Error(size, size) for name, size in {**sizes, "noise_floor": 1.0}.items()},
-        causes=(cause,),
         unexplained=max(1.0 - share, 0.0),
-        rivals=(),
-        experiment=None,
-        findings=(),
-        reasons=(Reason("shared", f"It is of the same size at {', '.join(found.joints)}."),),
+        causes=(cause,),
         shared_share=share,
     )
-    return [*diagnoses, whole]
+    case = Case(ROBOT, signal=f"{ROBOT}.position", unit=NOISE_FLOORS)
+    said = Verdict(EXPLAINED if share >= MOSTLY else PARTLY, sentence, (reason,))
+    return [*diagnoses, JointDiagnosis(case, said, measured)]

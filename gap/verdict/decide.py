@@ -57,12 +57,13 @@ def overall(verdicts: Sequence[str]) -> int:
 
 
 def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
-    withdrawn = [cause for cause in found.open_causes if cause.standing == WITHDRAWN]
-    if found.turned:
+    measured = found.measured
+    withdrawn = [cause for cause in measured.open_causes if cause.standing == WITHDRAWN]
+    if measured.turned:
         verdict = _refitted(found)
     elif found.causes:
         verdict = _with_causes(found, limit)
-    elif not found.adds_up(limit) and (not found.settled(limit) or (found.structure.noticed and withdrawn)):
+    elif not measured.adds_up(limit) and (not measured.settled(limit) or (found.structure.noticed and withdrawn)):
         verdict = _unknown_cause(found, withdrawn)
     else:
         verdict = _nothing(found, limit)
@@ -70,7 +71,7 @@ def _replayed(found: Replayed, limit: Thresholds) -> Verdict:
         *verdict.reasons,
         *_beside_causes(found),
         *_contradictions(found),
-        *(open_reason(cause) for cause in found.open_causes),
+        *(open_reason(cause) for cause in found.measured.open_causes),
     )
     if found.data_errors:
         said = " ".join(error.sentence for error in found.data_errors)
@@ -91,22 +92,22 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
         f"The simulation of '{found.joint}' is within {after} of the measurement, whose noise is {floor} ({before} "
         f"before its numbers were tuned within their tolerance{_turned(found)}).",
     )
-    if found.held is not None and found.hidden:
+    if found.case.held is not None and found.case.hidden:
         sentence = (
             f"The drive of '{found.joint}' is within {after} of the measurement, but this log cannot show "
-            f"{some(found.hidden)}."
+            f"{some(found.case.hidden)}."
         )
-        hidden = Reason("hidden", f"This log cannot show {', '.join(found.hidden)}. {found.held.sentence}")
+        hidden = Reason("hidden", f"This log cannot show {', '.join(found.case.hidden)}. {found.case.held.sentence}")
         return Verdict(NOT_IDENTIFIABLE, sentence, (agreement, hidden))
     if found.blind_to:
         hidden = ", ".join(found.blind_to)
-        what = "this log cannot show" if found.hidden else "the motion would hide"
+        what = "this log cannot show" if found.case.hidden else "the motion would hide"
         sentence = (
             f"The simulation of '{found.joint}' is within {after} of the measurement, but {what} "
             f"{some(found.blind_to)}."
         )
         why = f"But the motion is so poor that it would hardly show {hidden}."
-        if found.hidden:
+        if found.case.hidden:
             why = f"But the link moves as measured, so this log would hardly show {hidden}: describe the load."
         return Verdict(NOT_IDENTIFIABLE, sentence, (agreement, Reason("blind", why)))
     if found.fault_in_replay:
@@ -116,12 +117,13 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
         )
         return Verdict(EXPLAINED, sentence, (agreement,))
     limits = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
-    if found.structure.noticed and found.adrift is not None and found.adds_up(limit):
-        limits = (_added_up(found, found.adrift),)
+    if found.structure.noticed and found.measured.adrift is not None and found.measured.adds_up(limit):
+        limits = (_added_up(found, found.measured.adrift),)
     if found.limits:
         told = "; ".join(one.sentence for one in found.limits)
         limits = (Reason("limits", f"Beside numbers within their tolerance, this log would not show: {told}."), *limits)
-    if found.factors and found.errors["nominal"].rmse ** 2 > limit.tuned_away * found.tuned.rmse**2:
+    nominal, tuned = found.measured.gap["nominal"].rmse, found.measured.tuned_error.rmse
+    if found.factors and nominal**2 > limit.tuned_away * tuned**2:
         sentence = (
             f"Nothing to explain: numbers within their tolerance ({first(list(found.factors.items()), 1)}) bring "
             f"'{found.joint}' within {after} of the measurement (noise {floor})."
@@ -165,8 +167,8 @@ def _refitted(found: Replayed) -> Verdict:
     )
     why = Reason(
         "refitted",
-        f"The model that is handed over is the nominal one with {found.turned}: on data that nothing was fitted to it "
-        f"is {after} off (noise {floor}). Which of these numbers is meant is not identifiable.",
+        f"The model that is handed over is the nominal one with {found.measured.turned}: on data that nothing was "
+        f"fitted to it is {after} off (noise {floor}). Which of these numbers is meant is not identifiable.",
     )
     rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
     return Verdict(NOT_IDENTIFIABLE, sentence, (why, *rest))
@@ -174,11 +176,11 @@ def _refitted(found: Replayed) -> Verdict:
 
 def _beside_causes(found: Replayed) -> list[Reason]:
     """That numbers of the nominal model are off by more than their tolerance, too."""
-    if not (found.causes and found.beside):
+    if not (found.causes and found.measured.beside):
         return []
     said = (
-        f"Beside that, numbers of the nominal model are refitted: {found.beside}. Data that no fit saw ask for it; "
-        "which of them is wrong is not identifiable."
+        f"Beside that, numbers of the nominal model are refitted: {found.measured.beside}. Data that no fit saw ask "
+        "for it; which of them is wrong is not identifiable."
     )
     return [Reason(BESIDE, said)]
 
@@ -203,7 +205,7 @@ def _unknown_cause(found: Replayed, withdrawn: Sequence[OpenCause]) -> Verdict:
         sentence = f"No cause of the gap of '{found.joint}' holds on unseen data: {names} withdrawn; error {before}."
         return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("structure", found.structure.sentence),))
     sentence = f"No known cause explains the gap of '{found.joint}': {before}, {after} when tuned (noise {floor})."
-    if found.errors["extended"].rmse <= THRESHOLDS.at_noise * found.errors["noise_floor"].rmse:
+    if found.measured.gap["extended"].rmse <= THRESHOLDS.at_noise * found.measured.gap["noise_floor"].rmse:
         sentence = (
             f"Tuned numbers bring '{found.joint}' from {before} to {after} (noise {floor}); no known cause explains "
             "the structure that is left."
@@ -218,26 +220,27 @@ def _unknown_cause(found: Replayed, withdrawn: Sequence[OpenCause]) -> Verdict:
 
 def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     causes, rest = found.causes, found.structure
-    noticed = rest.noticed and not found.only_starts(limit)
+    noticed = rest.noticed and not found.measured.only_starts(limit)
     doubtful = [cause for cause in causes if cause.rivals and cause.confidence < limit.sure]
     certain = [cause for cause in causes if cause.standing == CERTAIN]
-    if doubtful and certain and not found.still:
+    if doubtful and certain and not found.case.still:
         return _beside(found, certain, doubtful[0])
-    if all(cause.confidence < limit.sure for cause in causes) and _named(found) < max(_numbers(found), found.left):
+    if all(cause.confidence < limit.sure for cause in causes) and _named(found) < max(_numbers(found), found.measured.left):
         return _outweighed(found)
     if doubtful and (doubtful[0] is causes[0] or not noticed):
         return _rivalled(found, doubtful[0])
-    removed = found.removed
+    removed = found.measured.removed
     if removed is None:
-        removed = (found.tuned.rmse**2 - found.errors["extended"].rmse ** 2) / max(found.tuned.rmse**2, 1e-24)
+        tuned, extended = found.measured.tuned_error.rmse, found.measured.gap["extended"].rmse
+        removed = (tuned**2 - extended**2) / max(tuned**2, 1e-24)
     if noticed and removed < limit.feeble:
         return _feeble(found)
-    if is_guess(causes, limit) and not found.still:
+    if is_guess(causes, limit) and not found.case.still:
         return _guessed(found)
     sure = all(cause.confidence >= limit.sure for cause in causes)
-    explained = not noticed or (found.left <= limit.negligible and sure and rest.level <= limit.as_noise)
+    explained = not noticed or (found.measured.left <= limit.negligible and sure and rest.level <= limit.as_noise)
     verdict = _explained(found) if explained else _partly(found, sure)
-    if not found.still:
+    if not found.case.still:
         return verdict
     sentence = (
         f"{subject(causes)} may explain the gap of '{found.joint}', but the joint hardly moves: other causes may do "
@@ -254,15 +257,15 @@ def _named(found: Replayed) -> float:
 
 def _numbers(found: Replayed) -> float:
     """Share of the gap that numbers of the model do beside the causes."""
-    return 1.0 - found.left - _named(found)
+    return 1.0 - found.measured.left - _named(found)
 
 
 def _outweighed(found: Replayed) -> Verdict:
     """What has no name does more than all that has one, and is told before it."""
-    numbers = "Refitted numbers" if found.beside else "Tuned numbers"
+    numbers = "Refitted numbers" if found.measured.beside else "Tuned numbers"
     what, share = (f"{numbers} explain", _numbers(found))
-    if found.left >= share:
-        what, share = "No known cause explains", found.left
+    if found.measured.left >= share:
+        what, share = "No known cause explains", found.measured.left
     sentence = (
         f"{what} {100.0 * share:.0f} % of the gap of '{found.joint}' (error {fall(found)}); "
         f"perhaps {subject(found.causes)} {100.0 * _named(found):.0f} % ({certainty(found.causes)})."
@@ -296,8 +299,8 @@ def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
     place = f" in place of {doubtful.name}" if len(found.causes) > 1 else ""
     fits = "fits" if len(doubtful.rivals) == 1 else "fit"
     alike, unexplained = f"{fits} about as well", ""
-    if found.structure.noticed and found.left >= MUCH:
-        alike, unexplained = f"{fits} alike", f"; {100.0 * found.left:.0f} % unexplained"
+    if found.structure.noticed and found.measured.left >= MUCH:
+        alike, unexplained = f"{fits} alike", f"; {100.0 * found.measured.left:.0f} % unexplained"
     sentence = (
         f"The gap of '{found.joint}' may be {subject(found.causes)}, but {some(doubtful.rivals)} "
         f"{alike} ({certainty([doubtful])}){unexplained}."
@@ -322,8 +325,8 @@ def _guessed(found: Replayed) -> Verdict:
         f"({certainty(found.causes)}): error {fall(found)}."
     )
     why = f"With {listed([cause.name for cause in found.causes])} the error falls {change(found)}."
-    refitted, unit = found.errors["refitted"].rmse, found.structure.unit
-    if refitted <= found.errors["extended"].rmse:
+    refitted, unit = found.measured.gap["refitted"].rmse, found.structure.unit
+    if refitted <= found.measured.gap["extended"].rmse:
         why += f" The numbers that the model has, refitted up to fivefold, do as well: {size(refitted, unit)}."
     rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
     return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("guessed", why), *rest))
@@ -332,13 +335,13 @@ def _guessed(found: Replayed) -> Verdict:
 def _explained(found: Replayed) -> Verdict:
     causes, (firm, doubted) = found.causes, firmly(found.causes)
     told = f"{subject(firm)} {verb(firm, 'explains', 'explain')}"
-    if 1.0 - found.left - sum(cause.share for cause in causes) > MOSTLY * (1.0 - found.left):
+    if 1.0 - found.measured.left - sum(cause.share for cause in causes) > MOSTLY * (1.0 - found.measured.left):
         told = f"Tuned numbers and {subject(firm)} explain"
     sentence = f"{told} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
     names = listed([cause.name for cause in causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
-    if found.structure.noticed and found.adrift is not None and found.only_starts():
-        reasons.append(_added_up(found, found.adrift))
+    if found.structure.noticed and found.measured.adrift is not None and found.measured.only_starts():
+        reasons.append(_added_up(found, found.measured.adrift))
     if any(cause.rivals for cause in causes):
         reasons.append(Reason("rivals", also(causes)))
     return Verdict(EXPLAINED, sentence, tuple(reasons))

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from ..experiment import Experiment
 from ..log.finding import Finding
+from ..measure.case import Case
+from ..measure.measured import Measured
 from ..replay.joint_problem import JointProblem, diverged
 from .decide import decide
 from .evidence import Refused
@@ -23,20 +25,8 @@ def refuse(
 ) -> JointDiagnosis:
     """The diagnosis of what cannot be judged."""
     verdict = decide(why)
-    return JointDiagnosis(
-        joint=joint,
-        verdict=verdict.name,
-        sentence=verdict.sentence,
-        signal=signal or f"{joint}.position",
-        unit=unit,
-        gap={},
-        causes=(),
-        unexplained=unexplained,
-        rivals=(),
-        experiment=experiment,
-        findings=tuple(findings),
-        reasons=verdict.reasons,
-    )
+    case = Case(joint, tuple(findings), signal or f"{joint}.position", unit)
+    return JointDiagnosis(case, verdict, Measured(unexplained=unexplained), experiment=experiment)
 
 
 def refuse_divergence(problem: JointProblem, joint: str) -> Refused | None:

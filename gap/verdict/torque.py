@@ -19,8 +19,9 @@ from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.torque_side import said_side, side_by_load, side_note
 from ..log.types import LogError, MeasuredRun
+from ..measure.case import Case
 from ..measure.confidence import THRESHOLDS, standing
-from ..measure.measured import error_of
+from ..measure.measured import Measured, error_of
 from ..measure.named import Error, NamedCause, Value
 from ..measure.unseen import furthest, handed_over, withdrawn
 from ..prepare.request import Request
@@ -30,7 +31,7 @@ from .decide import decide
 from .evidence import Balanced
 from .torque_causes import SHIFT, Sought, sought_in, terms_of, torque_causes, with_shares
 from .torque_model import Believed, TorqueModel
-from .verdict import JointDiagnosis, data_errors, rivals_of
+from .verdict import JointDiagnosis, data_errors
 
 NO_WISHES = Request()
 NORMAL_MEAN = math.sqrt(2.0 / math.pi)  # mean size of normal noise, over its rms
@@ -153,25 +154,18 @@ def diagnose_torque(
         )
     )
     chosen, named = changes[handed.model], {term.number for term in terms}
-    return JointDiagnosis(
-        joint=joint,
-        verdict=verdict.name,
-        sentence=verdict.sentence,
-        signal=f"{joint}.torque",
-        unit="N.m",
+    measured = Measured(
         gap=gap,
-        causes=causes,
+        left=left,
         unexplained=left,
-        rivals=rivals_of(causes),
-        experiment=None,
-        findings=findings,
+        causes=causes,
         tuned={address(path).number: 1.0 + change for path, change in chosen.items() if path not in named},
-        reasons=verdict.reasons,
-        data_errors=data_errors(findings, joint),
         tuned_share=tuned_share,
         open_causes=open_causes,
         model="extended" if handed.model == "tuned" else handed.model,
     )
+    case = Case(joint, findings, f"{joint}.torque", "N.m")
+    return JointDiagnosis(case, verdict, measured, data_errors=data_errors(findings, joint))
 
 
 def is_shifted(found: Shift, ratio: float, settings: SearchSettings) -> bool:

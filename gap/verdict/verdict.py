@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from ..experiment import DetectionLimit, Experiment
 from ..log.finding import Finding, Severity
+from ..measure.case import Case
+from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, OpenCause, Value
 from ..replay.problem import Problem
 from ..search.result import Search
@@ -76,62 +78,168 @@ class Verdict:
         return any(reason.code in codes for reason in self.reasons)
 
 
+NOTHING_MEASURED = Measured()
+
+
 @dataclass(frozen=True, eq=False)
 class JointDiagnosis:
-    """What was found about one joint.
+    """What was found about one joint: its case, what was sought and measured, and what is said of it.
+
+    What its parts have is its own, too: ``joint``, ``signal`` and ``findings`` of the case, ``gap``, ``causes`` and
+    ``values`` of what was measured, ``verdict``, ``sentence`` and ``reasons`` of what is said.
 
     Attributes:
-        verdict, sentence, reasons: as of :class:`Verdict`.
-        gap: error of each model on the test part, by ``nominal``, ``refitted`` (its own numbers up to fivefold, nothing
-            added), ``extended`` (with the causes), ``noise_floor``.
-        causes: largest share first.
+        case: what is known of the joint, whatever is found of it.
+        said: verdict, sentence and reasons.
+        measured: errors, causes, and what is left.
+        search: that was made; None where none was, or where it was read from a folder.
         data_errors: faults of the log, mended before the fit where that is possible.
-        unexplained: share of the nominal model's mean squared error beyond the noise that stays.
-        tuned_share: share of it that the final model owes to its tuned numbers.
-        shared_share: of a joint of a robot, the share that what was found of the whole robot takes away.
-        shared: causes of all joints, by the number of this joint's chain that each of them changes.
-        values: of all parameters of the extended model, by path; a ``*`` marks a factor.
-        simulated: channels of the models over the whole problem, by model name (n, 4).
-        structure: what is left of the position error that is not noise.
-        tuned: numbers of the nominal model that moved within their tolerance, as factors; where ``model`` is
-            ``refitted``, up to fivefold.
-        open_causes: causes that are not named: withdrawn ones, and near misses with what they lack.
-        model: which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``.
+        experiment: next one; None where nothing is open, or none would help.
         limits: where nothing was found, up to where each cause would not show.
-        frames: of a robot's joints, as given by the sidecar or taken, in the form of its ``meta.frames``.
     """
 
-    joint: str
-    verdict: str
-    sentence: str
-    signal: str
-    unit: str
-    gap: dict[str, Error]
-    causes: tuple[NamedCause, ...]
-    unexplained: float
-    rivals: tuple[dict[str, Any], ...]
-    experiment: Experiment | None
-    findings: tuple[Finding, ...]
-    values: dict[str, float] = field(default_factory=dict)
-    tuned: dict[str, float] = field(default_factory=dict)
-    problem: Problem | None = None
+    case: Case
+    said: Verdict
+    measured: Measured = NOTHING_MEASURED
     search: Search | None = None
-    simulated: dict[str, np.ndarray] = field(default_factory=dict)
-    structure: Structure | None = None
-    reasons: tuple[Reason, ...] = ()
     data_errors: tuple[DataError, ...] = ()
-    tuned_share: float = 0.0
-    shared_share: float = 0.0
-    shared: Mapping[str, str] = field(default_factory=dict)
-    open_causes: tuple[OpenCause, ...] = ()
-    model: str = "extended"
+    experiment: Experiment | None = None
     limits: tuple[DetectionLimit, ...] = ()
-    frames: Mapping[str, Any] | None = None
+
+    @classmethod
+    def of(cls, **attributes: Any) -> JointDiagnosis:
+        """A diagnosis from its attributes, whichever part has them."""
+        return cls(Case(""), Verdict("", "")).changed(**attributes)
+
+    def changed(self, **attributes: Any) -> JointDiagnosis:
+        """The diagnosis with some of its attributes set, whichever part has them.
+
+        Raises:
+            TypeError: there is no such attribute.
+        """
+        if "verdict" in attributes:
+            attributes["name"] = attributes.pop("verdict")
+        parts: dict[str, Any] = {}
+        for key in ("case", "said", "measured"):
+            part = attributes.pop(key, getattr(self, key))
+            names = {item.name for item in fields(part)} & set(attributes)
+            parts[key] = replace(part, **{name: attributes.pop(name) for name in names})
+        return replace(self, **parts, **attributes)
+
+    @property
+    def joint(self) -> str:
+        """Name of the joint, or ``ground``, or that of the whole robot."""
+        return self.case.joint
+
+    @property
+    def signal(self) -> str:
+        """That is judged, as ``servo.position``."""
+        return self.case.signal
+
+    @property
+    def unit(self) -> str:
+        """Of the signal."""
+        return self.case.unit
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about the log of the joint, and about its search."""
+        return self.case.findings
+
+    @property
+    def frames(self) -> Mapping[str, Any] | None:
+        """Of a robot's joints, as given by the sidecar or taken, in the form of its ``meta.frames``."""
+        return self.case.frames
+
+    @property
+    def problem(self) -> Problem | None:
+        """The replay of all data; None where there is none."""
+        return None if self.case.replay is None else self.case.replay.problem
+
+    @property
+    def verdict(self) -> str:
+        """One of the five verdicts."""
+        return self.said.name
+
+    @property
+    def sentence(self) -> str:
+        """What, how much and how sure."""
+        return self.said.sentence
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """The numbers behind it, the most important first."""
+        return self.said.reasons
+
+    @property
+    def gap(self) -> Mapping[str, Error]:
+        """Error of each model on the test part."""
+        return self.measured.gap
+
+    @property
+    def causes(self) -> tuple[NamedCause, ...]:
+        """That are named, largest share first."""
+        return self.measured.causes
+
+    @property
+    def open_causes(self) -> tuple[OpenCause, ...]:
+        """That are not named: withdrawn ones, and near misses with what they lack."""
+        return self.measured.open_causes
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the nominal model's mean squared error beyond the noise that stays."""
+        return self.measured.unexplained
+
+    @property
+    def tuned_share(self) -> float:
+        """Share of it that the final model owes to its tuned numbers."""
+        return self.measured.tuned_share
+
+    @property
+    def shared_share(self) -> float:
+        """Of a joint of a robot, the share that what was found of the whole robot takes away."""
+        return self.measured.shared_share
+
+    @property
+    def shared(self) -> Mapping[str, str]:
+        """Causes of all joints, by the number of this joint's chain that each of them changes."""
+        return self.measured.shared
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Of all parameters of the extended model, by path; a ``*`` marks a factor."""
+        return self.measured.values
+
+    @property
+    def tuned(self) -> Mapping[str, float]:
+        """Numbers of the nominal model that moved, as factors."""
+        return self.measured.tuned
+
+    @property
+    def simulated(self) -> Mapping[str, np.ndarray]:
+        """Channels of the models over the whole problem, by model name (n, 4)."""
+        return self.measured.simulated
+
+    @property
+    def structure(self) -> Structure | None:
+        """What is left of the error that is not noise."""
+        return self.measured.structure
+
+    @property
+    def model(self) -> str:
+        """Which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``."""
+        return self.measured.model
+
+    @property
+    def rivals(self) -> tuple[dict[str, Any], ...]:
+        """Rivals of named causes, by the cause that they might stand in for."""
+        return rivals_of(self.causes)
 
     @property
     def refitted(self) -> bool:
         """Whether numbers of the model were refitted beside the causes, some beyond their tolerance."""
-        return any(reason.code == BESIDE for reason in self.reasons)
+        return self.said.because(BESIDE)
 
     @property
     def text(self) -> str:

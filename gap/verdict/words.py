@@ -16,15 +16,15 @@ ASIDE = 0.2  # of what causes explain together, up to which those that are only 
 def levels(found: Replayed) -> tuple[str, str, str]:
     """Error before, after, and noise, as text."""
     unit = found.structure.unit
-    before, after = (size(found.errors[key].rmse, unit) for key in ("nominal", "extended"))
-    return before, after, fine(found.errors["noise_floor"].rmse, unit, 2)
+    before, after = (size(found.measured.gap[key].rmse, unit) for key in ("nominal", "extended"))
+    return before, after, fine(found.measured.gap["noise_floor"].rmse, unit, 2)
 
 
 def change(found: Replayed) -> str:
     before, after, floor = levels(found)
-    seen = "runs" if found.whole_runs else "pieces of the runs"
-    how = "refitted" if found.beside else "tuned within their tolerance"
-    tuned = f" ({size(found.tuned.rmse, found.structure.unit)} with its numbers {how})"
+    seen = "runs" if found.measured.whole_runs else "pieces of the runs"
+    how = "refitted" if found.measured.beside else "tuned within their tolerance"
+    tuned = f" ({size(found.measured.tuned_error.rmse, found.structure.unit)} with its numbers {how})"
     return f"from {before}{tuned} to {after} on {seen} that nothing was fitted to (noise {floor})"
 
 

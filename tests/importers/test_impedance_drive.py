@@ -14,6 +14,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.checks.stops import stops_of
 from sealegs.gap.finder.diagnosis import diagnose
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for
@@ -72,7 +73,7 @@ def leg(
 
 def test_one_goal_asks_for_what_goal_velocity_and_torque_ask_for_together(tmp_path: Path) -> None:
     before = leg(tmp_path, seconds=1.0).runs[0]
-    (after, *_), (note,) = with_whole_goals([before])
+    (after, *_), (note,) = with_whole_goals(Machine.of([before]))
     log, whole = before.joints["thigh"], after.joints["thigh"]
     assert log.goal is not None and log.goal_velocity is not None and log.torque_command is not None
     asked = STIFFNESS * log.goal + DAMPING * log.goal_velocity + log.torque_command
@@ -82,7 +83,7 @@ def test_one_goal_asks_for_what_goal_velocity_and_torque_ask_for_together(tmp_pa
 
 def test_a_log_without_an_impedance_drive_keeps_its_goals_and_says_what_is_unused(tmp_path: Path) -> None:
     before = leg(tmp_path, feedforward=0.0, seconds=1.0).runs[0]
-    (after, *_), (note,) = with_whole_goals([before])
+    (after, *_), (note,) = with_whole_goals(Machine.of([before]))
     assert after.joints["thigh"].goal is before.joints["thigh"].goal
     assert (
         note.code == "command.unused" and "thigh.goal_velocity and thigh.torque_command are not used" in note.sentence
@@ -140,7 +141,7 @@ def test_a_stop_is_read_off_the_goal_and_not_off_the_torque_beside_it(tmp_path: 
     columns["thigh.torque_command"] = np.where(time > 10.0, 1.5 + 1.4 * np.sin(2.0 * time), 0.0)
     (tmp_path / "thigh.xml").write_text(MODEL, encoding="utf-8")
     sidecar = {"robot": str(tmp_path / "thigh.xml"), "actuators": {"thigh": [{"ideal": DRIVE | {"feedforward": 1.0}}]}}
-    (run,), _ = with_whole_goals(measured_set([columns], sidecar, "held").runs)
+    (run,), _ = with_whole_goals(Machine.of(measured_set([columns], sidecar, "held").runs))
     assert not stops_of([run], "thigh")
     folded = replace(run.joints["thigh"], goal_alone=None)
     assert stops_of([replace(run, joints={"thigh": folded})], "thigh"), "what the test is about"
@@ -195,7 +196,7 @@ def test_what_a_mapping_leaves_out_is_no_command(tmp_path: Path) -> None:
     """A goal alone is what it was."""
     run = leg(tmp_path, seconds=1.0).runs[0]
     alone = replace(run, joints={"thigh": replace(run.joints["thigh"], goal_velocity=None, torque_command=None)})
-    (after, *_), notes = with_whole_goals([alone])
+    (after, *_), notes = with_whole_goals(Machine.of([alone]))
     assert after.joints["thigh"].goal is alone.joints["thigh"].goal and not notes
 
 
@@ -220,7 +221,7 @@ def test_what_a_host_of_impedance_drives_wrote_is_imported_with_the_chain_that_i
     drive = {"stiffness": STIFFNESS, "damping": DAMPING, "feedforward": 1}
     assert said["actuators"] == {"motor0": [{"ideal": drive}]}
     (run,) = read_measured(tmp_path / "out").runs
-    (whole,), (note,) = with_whole_goals([run])
+    (whole,), (note,) = with_whole_goals(Machine.of([run]))
     assert note.code == "command.beside" and whole.joints["motor0"].goal_velocity is None
 
 

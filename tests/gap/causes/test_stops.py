@@ -11,6 +11,7 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.contact import with_stops
 from sealegs.gap.checks.stops import Stop, stops_of
 from sealegs.gap.experiment.excitations import CLEAR, Limits, excitations, within
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.prepare.pieces import cut_joint, fit_runs
 from sealegs.gap.replay.joint_model import JointModel
@@ -84,7 +85,7 @@ def test_a_stop_that_only_the_test_part_meets_is_told_and_not_fitted() -> None:
         replace(run, name=f"{run.name}-{k}", meta={**run.meta, "group": name})
         for k, (run, name) in enumerate([(free[0], "a"), (free[1], "b"), (hit.runs[0], "last"), (hit.runs[1], "last")])
     ]
-    pieces = cut_joint(parted, JOINT, "last")
+    pieces = cut_joint(Machine.of(parted), JOINT, "last")
     assert stops_of(pieces.runs, JOINT) and stops_of(fit_runs(pieces), JOINT) == ()
-    pieces = cut_joint(parted, JOINT, "a")
+    pieces = cut_joint(Machine.of(parted), JOINT, "a")
     assert stops_of(fit_runs(pieces), JOINT) == stops_of(pieces.runs, JOINT)

@@ -22,6 +22,7 @@ from sealegs.gap.ground.problem import GroundProblem
 from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredSet
+from sealegs.gap.measure.case import Replay
 from sealegs.gap.measure.named import NamedCause
 from sealegs.gap.output.extension import write_extension
 from sealegs.gap.output.files import fresh_folder, write_diagnosis
@@ -62,8 +63,19 @@ def test_whatever_a_stance_shows_is_drawn_as_a_stance_and_written_as_the_whole_l
     assert channels is not None
     simulated = {"nominal": channels, "extended": channels}
     slope = NamedCause("contact.slope", "A sentence.", "ground", 0.5, 0.9, {}, 0.5, "number", "stance")
-    found = JointDiagnosis(
-        "ground", "explained", "", "base.z", "m", {}, (slope,), 0.0, (), None, (), problem=problem, simulated=simulated
+    found = JointDiagnosis.of(
+        joint="ground",
+        verdict="explained",
+        sentence="",
+        signal="base.z",
+        unit="m",
+        gap={},
+        causes=(slope,),
+        unexplained=0.0,
+        experiment=None,
+        findings=(),
+        replay=Replay(problem, problem),
+        simulated=simulated,
     )
     assert [name for name, _ in cause_pictures(found)] == ["contact.slope"]
     written = write_extension(found, data.runs, tmp_path)

@@ -9,7 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from sealegs.gap.load.robot import Frame
+from sealegs.gap.load.robot import Frame, Machine
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.prepare.frames import in_likely_frames
@@ -93,7 +93,7 @@ def as_host(run: MeasuredRun, joint: str, counts: Callable[[np.ndarray], np.ndar
 
 def judged(run: MeasuredRun) -> tuple[dict[str, Frame], dict[str, Finding]]:
     """The frames in which a diagnosis takes a run, where they are not the model's, and what it says."""
-    runs, findings = in_likely_frames([run], lambda text: None)
+    runs, findings = in_likely_frames(Machine.of([run]), lambda text: None)
     frames = {name: frame for name, frame in robot(runs[0]).frames.items() if frame != Frame()}
     assert len({finding.code for finding in findings}) == len(findings)
     return frames, {finding.code: finding for finding in findings}

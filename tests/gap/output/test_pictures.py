@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from matplotlib import rcParams
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 from sealegs.gap.causes.catalogue import catalogue
+from sealegs.gap.measure.case import Replay
 from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.output.pictures import CAUSES, draw_all, picture_of, pictures, png
 from sealegs.gap.output.pictures.drive import UNITS, response
@@ -37,6 +39,10 @@ def named(name: str, picture: str, share: float = 0.5) -> NamedCause:
     return NamedCause(name, "A sentence.", "servo", share, 0.9, {}, 0.5, "effect", picture)
 
 
+def with_problem(found: JointDiagnosis, problem: Any) -> JointDiagnosis:
+    return found.changed(replay=Replay(problem, problem))
+
+
 @pytest.mark.long
 def test_every_picture_is_a_file_with_something_on_it(found: JointDiagnosis, tmp_path: Path) -> None:
     drawn = draw_all([found], tmp_path)
@@ -55,7 +61,7 @@ def test_nothing_is_overwritten(found: JointDiagnosis, tmp_path: Path) -> None:
 
 
 def test_several_joints_do_not_share_files(found: JointDiagnosis, tmp_path: Path) -> None:
-    drawn = draw_all([replace(found, joint="hip", problem=None), replace(found, joint="knee", problem=None)], tmp_path)
+    drawn = draw_all([found.changed(joint="hip", replay=None), found.changed(joint="knee", replay=None)], tmp_path)
     assert {"hip.rivals", "knee.rivals"} <= drawn.keys()
     assert len(set(drawn.values())) == len(drawn)
 
@@ -95,7 +101,7 @@ def test_without_duty_and_current_the_law_gives_the_motor_torque(found: JointDia
     assert found.problem is not None
     measured = found.problem.measured.copy()
     measured[:, 1:] = np.nan
-    silent = Evidence(replace(found, problem=replace(found.problem, measured=measured)))
+    silent = Evidence(with_problem(found, replace(found.problem, measured=measured)))
     assert silent.extended.source == "law"
     for key in ("friction_against_speed", "duty_against_error", "voltage_against_current"):
         assert png(CAUSES[key](silent, named("friction.stribeck", key)))
@@ -105,7 +111,7 @@ def test_an_unsigned_current_is_not_taken_for_a_torque(found: JointDiagnosis) ->
     assert found.problem is not None
     measured = found.problem.measured.copy()
     measured[:, 3] = np.abs(measured[:, 3])
-    unsigned = Evidence(replace(found, problem=replace(found.problem, measured=measured)))
+    unsigned = Evidence(with_problem(found, replace(found.problem, measured=measured)))
     assert unsigned.extended.source == "duty"
 
 
@@ -138,7 +144,7 @@ def test_the_first_look_falls_from_the_nominal_error_to_what_is_left(found: Join
 
 
 def test_a_model_that_was_handed_over_as_it_was_is_drawn_once(found: JointDiagnosis) -> None:
-    chart = first_look(replace(found, causes=(), model="nominal", unexplained=1.0, tuned_share=0.0))
+    chart = first_look(found.changed(causes=(), model="nominal", unexplained=1.0, tuned_share=0.0))
     assert chart is not None
     assert "extended model" not in {line.get_label() for line in chart.subfigs[0].axes[0].lines}
     rows = [label.get_text() for label in chart.subfigs[1].axes[0].get_yticklabels()]
@@ -147,7 +153,7 @@ def test_a_model_that_was_handed_over_as_it_was_is_drawn_once(found: JointDiagno
 
 def test_many_causes_share_a_row(found: JointDiagnosis) -> None:
     many = tuple(named(f"cause.{k}", "", 0.1) for k in range(9))
-    chart = first_look(replace(found, causes=many))
+    chart = first_look(found.changed(causes=many))
     assert chart is not None
     rows = [label.get_text() for label in chart.subfigs[1].axes[0].get_yticklabels()]
     assert len(rows) <= 9 and any(row.endswith(" more") for row in rows)
@@ -155,13 +161,13 @@ def test_many_causes_share_a_row(found: JointDiagnosis) -> None:
 
 def test_a_gap_that_is_all_noise_is_shown_as_noise(found: JointDiagnosis) -> None:
     quiet = {**found.gap, "nominal": Error(0.9 * found.gap["noise_floor"].rmse, 0.0)}
-    (piece,) = budget_slices(replace(found, gap=quiet, causes=(), unexplained=0.0))
+    (piece,) = budget_slices(found.changed(gap=quiet, causes=(), unexplained=0.0))
     assert (piece.label, piece.share) == ("noise", 1.0)
 
 
 def test_pictures_that_would_look_the_same_are_drawn_once(found: JointDiagnosis) -> None:
     twice = (named("transmission.backlash", "hysteresis"), named("transmission.compliance", "hysteresis", 0.2))
-    names = [name for name, _ in pictures(replace(found, causes=twice))]
+    names = [name for name, _ in pictures(found.changed(causes=twice))]
     assert "transmission.backlash" in names
     assert "transmission.compliance" not in names
 
@@ -192,5 +198,5 @@ def test_a_reversal_is_more_than_noise() -> None:
 
 def test_drawing_leaves_the_style_of_others_alone(found: JointDiagnosis) -> None:
     before = dict(rcParams)
-    list(pictures(replace(found, problem=None)))
+    list(pictures(found.changed(replay=None)))
     assert dict(rcParams) == before

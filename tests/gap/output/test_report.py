@@ -59,45 +59,53 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         Finding("clock.jitter", "note", None, "time", "The clock jitters."),
     )
     rival = replace(found.causes[0], rivals=("friction.stribeck",))
-    doubtful = replace(
-        found,
+    doubtful = found.changed(
         joint="elbow",
         experiment=proposal,
         findings=notes,
         causes=(rival, *found.causes[1:]),
         data_errors=(DataError("column.stuck", "column.stuck", "The battery sags.", "warning", "elbow"),),
-        rivals=({"of": rival.name, "names": [rival.name, "friction.stribeck"], "confidence": 0.5},),
     )
     value = Value(0.009, 0.008, 0.010, "s", 0.0)
     late = NamedCause(
         "sensor.delay", "The torque column lags.", "motor", 0.4, 0.99, {"torque.delay": value}, 0.3, "data", "response"
     )
     gap = {"nominal": 0.5, "refitted": 0.2, "extended": 0.1, "noise_floor": 0.02}
-    driven = JointDiagnosis(
-        "motor", "partly explained", "The torque column lags.", "motor.torque", "N.m",
-        {name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()}, (late,), 0.1, (), None, (),
+    driven = JointDiagnosis.of(
+        joint="motor",
+        verdict="partly explained",
+        sentence="The torque column lags.",
+        signal="motor.torque",
+        unit="N.m",
+        gap={name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()},
+        causes=(late,),
+        unexplained=0.1,
         tuned={"inertia [kg.m2]": 0.15},
-    )  # fmt: skip
-    broken = JointDiagnosis(
-        "wrist",
-        UNUSABLE,
-        "The log cannot be used: time runs backwards.",
-        "wrist.position",
-        "rad",
-        {},
-        (),
-        1.0,
-        (),
-        None,
-        (),
+    )
+    broken = JointDiagnosis.of(
+        joint="wrist",
+        verdict=UNUSABLE,
+        sentence="The log cannot be used: time runs backwards.",
+        signal="wrist.position",
+        unit="rad",
+        gap={},
+        causes=(),
+        unexplained=1.0,
+        experiment=None,
+        findings=(),
     )
     gap = {"nominal": 0.0007, "refitted": 0.0006, "extended": 0.0006, "noise_floor": 0.0006}
-    quiet = JointDiagnosis(
-        "pan", "nothing to explain", "Nothing to explain: within 0.7 mrad.", "pan.position", "rad",
-        {name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()}, (), 0.0, (), None, (),
+    quiet = JointDiagnosis.of(
+        joint="pan",
+        verdict="nothing to explain",
+        sentence="Nothing to explain: within 0.7 mrad.",
+        signal="pan.position",
+        unit="rad",
+        gap={name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()},
+        unexplained=0.0,
         reasons=(Reason("agrees", "It agrees."), Reason("limits", "A wall.")),
         limits=(DetectionLimit("drive.delay", "delay.seconds", "s", 0.0, -np.inf, 0.004),),
-    )  # fmt: skip
+    )
     return [doubtful, driven, broken, quiet]
 
 
@@ -194,7 +202,7 @@ def test_what_is_to_be_checked_first_stands_once(small: tuple[JointDiagnosis, Me
     """It stood at every joint of a robot, and the table above them said that all is explained."""
     found, data = small
     doubt = Finding("robot.frame", "warning", None, None, "The angles do not match.")
-    two = [replace(found, joint=joint, findings=(doubt,)) for joint in ("shoulder", "elbow")]
+    two = [found.changed(joint=joint, findings=(doubt,)) for joint in ("shoulder", "elbow")]
     text = Outline(write_report(two, data, tmp_path / "report.html").read_text()).text
     assert text.index("Check first") < text.index("Joint shoulder")
     assert text.count("Check first") == 1
@@ -340,7 +348,7 @@ def test_each_joint_opens_with_a_picture_that_fits_the_screen(
 
 def test_a_refused_joint_opens_with_its_log(small: tuple[JointDiagnosis, MeasuredSet], tmp_path: Path) -> None:
     found, data = small
-    refused = replace(found, verdict=UNUSABLE, gap={}, causes=(), problem=None, search=None, simulated={})
+    refused = found.changed(verdict=UNUSABLE, gap={}, causes=(), replay=None, search=None, simulated={})
     html = write_report([refused], data, tmp_path / "report.html").read_text(encoding="utf-8")
     assert 'class="first-look"' in html
     assert "The log as it is; no model was compared with it." in Outline(html).text

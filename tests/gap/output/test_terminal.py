@@ -41,12 +41,19 @@ PLAN = Experiment(
     "chirp", "Run 'chirp' three times with 0.5 kg at 0.12 m within 1.2 rad for 24 s at 2.5 rad/s and 35 % of all duty.",
     2.5, np.arange(3.0), np.zeros(3), {"chirp": 2.5},
 )  # fmt: skip
-FOUND = JointDiagnosis(
-    "servo", NOT_IDENTIFIABLE,
-    "The gap of 'servo' may be drive.delay and friction.position_dependent, but load.mass fits about as well.",
-    "servo.position", "rad", {}, CAUSES, 0.001, (), PLAN, (), data_errors=(STUCK,), tuned_share=0.028,
+FOUND = JointDiagnosis.of(
+    joint="servo",
+    verdict=NOT_IDENTIFIABLE,
+    sentence="The gap of 'servo' may be drive.delay and friction.position_dependent, but load.mass fits about as well.",
+    signal="servo.position",
+    unit="rad",
+    causes=CAUSES,
+    unexplained=0.001,
+    experiment=PLAN,
+    data_errors=(STUCK,),
+    tuned_share=0.028,
     reasons=(Reason("rivals", "The error falls from 24.1 mrad to 0.6 mrad (noise 0.62 mrad)."),),
-)  # fmt: skip
+)
 FILES = {"json": Path("/a/path/that/is/longer/than/any/window/is/wide/so/that/it/runs/over/diagnosis.json")}
 VALUES = ("0.02251 s", "7.4 V", "0.5 kg", "0.12 m", "1.2 rad", "24 s", "2.5 rad/s", "35 %", "27.4 N.m.s/rad", "93 %")
 
@@ -73,10 +80,15 @@ def test_a_screen_is_read_from_the_top() -> None:
 
 
 def test_without_a_cause_the_reasons_are_told() -> None:
-    bare = JointDiagnosis(
-        "servo", EXPLAINED, "Nothing.", "servo.position", "rad", {}, (), 0.0, (), None, (),
+    bare = JointDiagnosis.of(
+        joint="servo",
+        verdict=EXPLAINED,
+        sentence="Nothing.",
+        signal="servo.position",
+        unit="rad",
+        unexplained=0.0,
         reasons=(Reason("agrees", "The noise is 0.62 mrad."),),
-    )  # fmt: skip
+    )
     assert any("The noise is 0.62 mrad." in line for line in screen([bare], {}))
 
 
@@ -87,10 +99,16 @@ def test_what_a_log_would_not_show_is_told_by_family() -> None:
         DetectionLimit("drive.delay", "delay.seconds", "s", 0.0, -np.inf, 0.004),
         DetectionLimit("friction.ratchet", "friction.ratchet", "N.m", 0.0, -np.inf, np.inf),
     )
-    quiet = JointDiagnosis(
-        "servo", NOTHING, "Nothing to explain: fine.", "servo.position", "rad", {}, (), 0.0, (), None, (),
-        reasons=(Reason("limits", "A wall."),), limits=limits,
-    )  # fmt: skip
+    quiet = JointDiagnosis.of(
+        joint="servo",
+        verdict=NOTHING,
+        sentence="Nothing to explain: fine.",
+        signal="servo.position",
+        unit="rad",
+        unexplained=0.0,
+        reasons=(Reason("limits", "A wall."),),
+        limits=limits,
+    )
     lines = screen([quiet], {})
     assert "    friction: coulomb 0.04 to 0.06 N.m; ratchet at all" in lines
     assert "    drive: delay below 0.004 s" in lines and not any("A wall." in line for line in lines)
@@ -106,7 +124,7 @@ def test_where_no_experiment_is_proposed_the_screen_says_what_to_type_next(
     extended = tmp_path / "out" / "extended-robot.yaml"
     extended.parent.mkdir()
     write_extended(Extended(robot, {}, {}), extended.parent)
-    explained = replace(FOUND, verdict=EXPLAINED, experiment=None)
+    explained = FOUND.changed(verdict=EXPLAINED, experiment=None)
     lines = screen([explained], {"extended": extended}, 60)
     assert f"  sealegs train{task} extended={extended.parent}" in lines
     assert not any("sealegs train" in line for line in screen([FOUND], {"extended": extended}, 60))
@@ -118,13 +136,13 @@ def test_what_is_not_identifiable_is_not_trained_on(tmp_path: Path) -> None:
     files = {"extended": write_extended(Extended("bench", {}, {}), tmp_path)}
     unhelpful = replace(PLAN, separation=0.1)
     for plan in (None, unhelpful):
-        text = " ".join(screen([replace(FOUND, experiment=plan)], files, 80))
+        text = " ".join(screen([FOUND.changed(experiment=plan)], files, 80))
         assert "sealegs train" not in text and "Nothing to train on yet" in text and "limits=" in text
     for verdict in (PARTLY, EXPLAINED):
-        lines = screen([replace(FOUND, verdict=verdict, experiment=unhelpful)], files, 80)
+        lines = screen([FOUND.changed(verdict=verdict, experiment=unhelpful)], files, 80)
         assert f"  sealegs train env=bench extended={tmp_path}" in lines
     certain = replace(FOUND.causes[0], standing=CERTAIN)
-    sure, other = replace(FOUND, causes=(certain,), experiment=None), replace(FOUND, joint="b", experiment=None)
+    sure, other = FOUND.changed(causes=(certain,), experiment=None), FOUND.changed(joint="b", experiment=None)
     lines = screen([sure, other], files, 80)
     assert any("sealegs train" in line for line in lines), "what is certain speaks for the machine"
 
@@ -135,7 +153,7 @@ def test_a_proposed_experiment_is_the_next_command_and_can_be_copied_into_a_shel
     folder.mkdir()
     plan = replace(PLAN, load={"mass": 0.8, "length": BENCH.parameters({})["length"], "arm_mass": 0.0})
     files = write_experiment(plan, "servo", folder, "xl330")
-    found = replace(FOUND, experiment=plan)
+    found = FOUND.changed(experiment=plan)
     command = screen([found], files, 80, tmp_path / "my logs")
     words = next(shlex.split(line) for line in command if "sealegs deploy" in line)
     assert words[2:] == [
@@ -163,7 +181,7 @@ def test_a_refusal_is_told_once() -> None:
 
 def test_draws_are_told_where_a_near_miss_counts_them() -> None:
     near = OpenCause("load.mass", NEAR_MISS, "it is the best in 28 % of the draws.")
-    text = " ".join(" ".join(screen([replace(FOUND, open_causes=(near,))], {}, 80)).split())
+    text = " ".join(" ".join(screen([FOUND.changed(open_causes=(near,))], {}, 80)).split())
     assert "Draws: blocks of the data that no fit saw, resampled at random" in text
     assert "Draws:" not in " ".join(screen([FOUND], {}, 80))
 

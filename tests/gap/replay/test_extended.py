@@ -18,6 +18,7 @@ from sealegs.gap.experiment import Experiment, write_experiment
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
+from sealegs.gap.measure.case import Replay
 from sealegs.gap.output.extension import OWNERS, extended_of, write_extended
 from sealegs.gap.replay.engine import bench, replay_in_engine
 from sealegs.gap.replay.free import FreeProblem, free_problem
@@ -56,8 +57,19 @@ def found_values(variant: Sequence[Parameter]) -> dict[str, float]:
 def diagnosed(values: dict[str, float]) -> tuple[Extended, FreeProblem]:
     run = measured()
     problem = free_problem([run], "servo", [NOMINAL], cut([run], "servo", None), {"position": 1e3})
-    found = JointDiagnosis(
-        "servo", "explained", "", "servo.position", "rad", {}, (), 0.0, (), None, (), values=values, problem=problem
+    found = JointDiagnosis.of(
+        joint="servo",
+        verdict="explained",
+        sentence="",
+        signal="servo.position",
+        unit="rad",
+        gap={},
+        causes=(),
+        unexplained=0.0,
+        experiment=None,
+        findings=(),
+        values=values,
+        replay=Replay(problem, problem),
     )
     changes = []
     for path, value in values.items():
@@ -152,17 +164,36 @@ def test_refitted_numbers_that_a_robot_has_not_are_refused_and_tuned_ones_are_to
 
 def test_numbers_of_a_refitted_model_are_marked_as_refitted() -> None:
     _, problem = diagnosed({})
-    found = JointDiagnosis(
-        "servo", "partly explained", "", "servo.position", "rad", {}, (), 0.0, (), None, (),
-        values={"friction.coulomb*": 4.0}, problem=problem, search=NO_SEARCH, model="refitted",
-    )  # fmt: skip
+    found = JointDiagnosis.of(
+        joint="servo",
+        verdict="partly explained",
+        sentence="",
+        signal="servo.position",
+        unit="rad",
+        unexplained=0.0,
+        values={"friction.coulomb*": 4.0},
+        replay=Replay(problem, problem),
+        search=NO_SEARCH,
+        model="refitted",
+    )
     extended = extended_of([found], MeasuredSet((measured(),), "log"))
     assert extended is not None and [(c.cause, c.refitted) for c in extended.changes] == [("", True)]
 
 
 def test_a_diagnosis_without_a_model_says_so_instead_of_standing_for_the_nominal_machine() -> None:
     """It was None, which make_env takes for the machine as believed."""
-    refused = JointDiagnosis("servo", "unusable log", "", "servo.position", "rad", {}, (), 1.0, (), None, ())
+    refused = JointDiagnosis.of(
+        joint="servo",
+        verdict="unusable log",
+        sentence="",
+        signal="servo.position",
+        unit="rad",
+        gap={},
+        causes=(),
+        unexplained=1.0,
+        experiment=None,
+        findings=(),
+    )
     diagnosis = sealegs.Diagnosis("bench", ("run",), (refused,), MeasuredSet((measured(),), "bench"))
     with pytest.raises(SealegsError, match="the diagnosis of bench holds no extended model"):
         sealegs.make_env("bench", extended=diagnosis.extended)

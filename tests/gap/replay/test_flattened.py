@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.parts import Unit
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.prepare.pieces import cut_joint
@@ -56,9 +57,9 @@ def test_what_lies_behind_a_spring_is_sharpened_as_the_link_moved(stiffness: flo
 def test_a_log_that_was_edited_is_not_taken_for_the_one_before(tmp_path: Path) -> None:
     """How the robot moved was kept by the objects that hold a log, whose columns anybody may replace."""
     run = two_link_run(tmp_path, 3.0)
-    before = cut_joint([run], "shoulder", None).terms
+    before = cut_joint(Machine.of([run]), "shoulder", None).terms
     elbow = run.joints["elbow"]
     assert isinstance(run.joints, dict)
     run.joints["elbow"] = replace(elbow, position=elbow.position + 0.3)
-    after = cut_joint([run], "shoulder", None).terms
+    after = cut_joint(Machine.of([run]), "shoulder", None).terms
     assert before is not None and after is not None and np.abs(before[0] - after[0]).max() > 1e-3

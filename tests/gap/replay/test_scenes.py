@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from sealegs.gap.load.robot import LoggedRobot
+from sealegs.gap.load.robot import LoggedRobot, Machine
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.prepare.resting import without_rests
 from sealegs.gap.replay.joint_problem import converged, diverged
@@ -80,7 +80,7 @@ def test_where_a_robot_touches_its_own_floor_is_left_out_at_the_joints_that_carr
 def test_a_joint_that_always_touches_is_moved_as_measured(tmp_path: Path) -> None:
     run = two_link_run(tmp_path, 8.0)
     highest = float(heights(robot(run), run).max())
-    marked, (finding,) = without_rests([floor(run, highest)])
+    marked, (finding,) = without_rests(Machine.of([floor(run, highest)]))
     assert "moved as measured" in finding.sentence and finding.code == "robot.touches"
     why = not_free(robot(run), "elbow", marked)
     assert why is not None and "touches the floor" in why.sentence
@@ -100,7 +100,7 @@ def test_a_tendon_that_only_ends_is_nothing_where_it_does_not(tmp_path: Path) ->
     run = two_link_run(tmp_path, 4.0)
     tied(run, -9.0, 9.0)
     assert not_free(robot(run), "elbow", [run]) is None
-    assert without_rests([run]) == ([run], [])
+    assert without_rests(Machine.of([run])) == ([run], [])
     assert nominal_error(free_replay(run, "elbow")) < 2e-3
 
 
@@ -108,7 +108,7 @@ def test_what_a_tendon_ends_is_left_out_at_the_joints_that_it_runs_over(tmp_path
     run = two_link_run(tmp_path, 8.0)
     position = motion_of(robot(run), run).position.sum(axis=1)
     tied(run, float(position.min()) - 0.5, float(np.quantile(position, 0.97)))
-    (marked,), (finding,) = without_rests([run])
+    (marked,), (finding,) = without_rests(Machine.of([run]))
     assert finding.code == "robot.touches" and "'cord' most" in finding.sentence
     for name in ("shoulder", "elbow"):
         touched = marked.joints[name].touched

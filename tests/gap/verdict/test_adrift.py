@@ -13,6 +13,7 @@ import pytest
 from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.experiment.detection import Looks
 from sealegs.gap.experiment.proposal import SHOWS, Hypothesis, Prediction
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.measure.adrift import adrift, begun_fit, left_by, with_starts
@@ -28,8 +29,9 @@ from sealegs.gap.search.fit import fit
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.search.where import where
 from sealegs.gap.verdict.decide import decide
-from sealegs.gap.verdict.evidence import Replayed
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY
+
+from tests.replayed_evidence import evidence, with_measured
 
 STEP, NOISE = 5e-3, 1e-4  # [s], [m]
 MASS = (3.0, 2.0)  # [kg] of a slide, and of one that it carries
@@ -61,7 +63,7 @@ def tables(folder: Path, joint: str, lacking: Sequence[float] = ()) -> FreeProbl
     path.write_text(MODEL, encoding="utf-8")
     units = {f"{name}.position": "m" for name in force}
     data = measured_set(columns, {"robot": str(path), "actuators": dict.fromkeys(force, CHAIN), "units": units}, "two")
-    pieces = cut_joint(data.runs, joint, None)
+    pieces = cut_joint(Machine.of(data.runs), joint, None)
     weight = {"position": 1.0 / NOISE}
     return free_problem(pieces.runs, joint, pieces.models, pieces.units, weight, pieces.terms)
 
@@ -129,15 +131,16 @@ def test_what_adds_up_at_a_joint_that_no_goal_holds_needs_no_cause(
     """A robot whose masses were 4 % off, driven by torques, was told that no known cause explains its joints."""
     sizes = {"nominal": 400.0, "refitted": 10.0, "extended": 11.0, "noise_floor": 1.0}
     errors = {name: Error(size * NOISE, size * NOISE) for name, size in sizes.items()}
-    found = Replayed(
-        "slide", errors, errors["extended"], (), 0.01, Structure(90.0, 9.5 * NOISE, unit="m"), of_robot=True,
+    found = evidence(
+        "slide", errors, (), Structure(90.0, 9.5 * NOISE, unit="m"), tuned_error=errors["extended"], left=0.01,
+        of_robot=True,
         open_causes=(OpenCause("drive.delay", WITHDRAWN, "unseen data miss nothing without it"),),
         adrift=Adrift(level, error * NOISE, neighbours * NOISE),
     )  # fmt: skip
     verdict = decide(found)
     assert verdict.name == (NOTHING if silent else NOT_IDENTIFIABLE)
     assert verdict.because("adds_up") == silent
-    assert decide(replace(found, adrift=None)).name == NOT_IDENTIFIABLE
+    assert decide(with_measured(found, adrift=None)).name == NOT_IDENTIFIABLE
     if neighbours > error:
         assert "2 % off would leave 4.0 mm" in " ".join(reason.sentence for reason in verdict.reasons)
 
@@ -150,8 +153,9 @@ def test_beside_a_cause_what_starts_add_up_to_is_not_unexplained(error: float, n
     cause = NamedCause(
         "friction.coulomb", "A sentence.", "slide", 0.99, 0.97, {}, 0.9, "number", "response", (), CERTAIN
     )
-    found = Replayed(
-        "slide", errors, errors["refitted"], (cause,), 0.01, Structure(90.0, 9.5 * NOISE, unit="m"), of_robot=True,
+    found = evidence(
+        "slide", errors, (cause,), Structure(90.0, 9.5 * NOISE, unit="m"), tuned_error=errors["refitted"], left=0.01,
+        of_robot=True,
         adrift=Adrift(0.2, error * NOISE, 0.0),
     )  # fmt: skip
     verdict = decide(found)

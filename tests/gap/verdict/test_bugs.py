@@ -13,8 +13,8 @@ from sealegs.configs.script import run
 from sealegs.gap.diagnosis import Diagnosis
 from sealegs.gap.finder.parallel import side_by_side
 from sealegs.gap.fleet import jobs
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.finding import Finding
-from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.verdict.evidence import Refused
 from sealegs.gap.verdict.refusal import refuse
@@ -43,10 +43,8 @@ def test_a_bug_is_told_in_a_sentence_and_its_place_in_a_file(
     assert "command: sealegs diagnose 'log=a b'" in text and "Traceback" in text and "test_bugs.py" in text
 
 
-def fails_at_b(
-    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
-) -> JointDiagnosis:
-    del runs, findings, request
+def fails_at_b(machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
+    del machine, findings, request
     if joint == "b":
         raise LookupError("no such thing")
     return refuse(joint, Refused(joint, "it is only a test"))
@@ -55,11 +53,13 @@ def fails_at_b(
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_a_bug_at_one_joint_leaves_the_others_theirs(workers: int) -> None:
     errors: dict[str, Exception] = {}
-    joints = side_by_side(dict.fromkeys("abc", fails_at_b), (), (), Request(), workers, lambda joint: None, errors)
+    joints = side_by_side(
+        dict.fromkeys("abc", fails_at_b), Machine.of(()), (), Request(), workers, lambda joint: None, errors
+    )
     assert [joint.joint for joint in joints] == ["a", "c"] and [*errors] == ["b"]
     assert re.fullmatch(r"tests/gap/verdict/test_bugs\.py line \d+", place_of(errors["b"])), "also of another process"
     with pytest.raises(LookupError, match="no such thing"):
-        side_by_side(dict.fromkeys("abc", fails_at_b), (), (), Request(), workers, lambda joint: None)
+        side_by_side(dict.fromkeys("abc", fails_at_b), Machine.of(()), (), Request(), workers, lambda joint: None)
 
 
 def fails_with(error: Exception) -> Callable[..., Any]:

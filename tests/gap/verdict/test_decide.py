@@ -30,9 +30,14 @@ from sealegs.gap.verdict.decide import MOST_WORDS, decide, overall
 from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, DataError
 
+from tests.replayed_evidence import evidence, with_measured
+
 NOISE = 6e-4  # [rad]
 POSITION = DataError(
     "sensor.scale", "unit.degrees", "The position is in degrees.", "warning", "servo", "servo.position"
+)
+CURRENT = DataError(
+    "current.scale", "current.scale", "The current is 1000 times as large.", "warning", "servo", "servo.current"
 )
 BEYOND = Finding("test.beyond", "note", "servo", None, "Only the test part goes that far.")
 
@@ -54,22 +59,22 @@ def replayed(
     """Evidence of a nominal error of 20 mrad that tuning takes to ``tuned`` and the causes to ``after``."""
     errors = {"nominal": error(0.02), "refitted": error(0.008), "extended": error(after), "noise_floor": error(NOISE)}
     structure = Structure(level, level**0.5 * NOISE, 0.4, (("speed", 0.6),))
-    return Replayed("servo", errors, error(tuned), causes, left, structure, **more)
+    return evidence("servo", errors, causes, structure, tuned_error=error(tuned), left=left, **more)
 
 
 NEAR = ("friction.coulomb",)
 HELD = Finding("robot.held", "note", "servo", None, "Log 'elbow.position'.")
 CASES = {
     "nothing at a joint whose load was not logged": (
-        replayed(held=HELD, hidden=("load.mass", "friction.coulomb")),
+        replayed(findings=(HELD,), hidden=("load.mass", "friction.coulomb")),
         NOT_IDENTIFIABLE,
     ),
     "no cause and no structure": (replayed(), NOTHING),
     "no cause, and a motion that hides some": (replayed(blind_to=("drive.delay", "load.mass")), NOT_IDENTIFIABLE),
-    "no cause once a column is mended": (replayed(data_errors=(POSITION,), fault_in_replay=True), EXPLAINED),
-    "no cause beside a fault of a column that nothing is replayed from": (replayed(data_errors=(POSITION,)), NOTHING),
+    "no cause once a column is mended": (replayed(data_errors=(POSITION,)), EXPLAINED),
+    "no cause beside a fault of a column that nothing is replayed from": (replayed(data_errors=(CURRENT,)), NOTHING),
     "no cause beside a mended column and a poor motion": (
-        replayed(data_errors=(POSITION,), fault_in_replay=True, blind_to=("load.mass",)),
+        replayed(data_errors=(POSITION,), blind_to=("load.mass",)),
         NOT_IDENTIFIABLE,
     ),
     "structure without a cause": (replayed(level=0.5, after=0.009), NOT_IDENTIFIABLE),
@@ -213,13 +218,13 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
             yield replayed(*many(count, sure, THREE[:others]), **state)
             yield replayed(*many(count), cause("sensor.delay", 0.5, THREE[:others], 0.1), **state)
     for names in (THREE[:count] for count in NUMBERS):
-        yield replayed(held=HELD, hidden=names)
+        yield replayed(findings=(HELD,), hidden=names)
         yield replayed(blind_to=names)
         yield replayed(blind_to=names, hidden=names)
         for count, left, sure in itertools.product(NUMBERS, (0.1, 0.2), (0.5, 0.95)):
             yield balanced(*many(count, sure, names), left=left)
             yield balanced(shift(0.01), *many(count - 1, sure, names), left=left, shift=0.01)
-    yield replayed(data_errors=(POSITION,), fault_in_replay=True)
+    yield replayed(data_errors=(POSITION,))
     yield replayed(tuned=NOISE, factors={"dc_motor.motor_constant": 1.05})
     for withdrawn, nominal in itertools.product(opened, (0.1, 0.5)):
         yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
@@ -228,7 +233,7 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
 @pytest.mark.long
 def test_no_number_of_causes_and_no_long_name_makes_a_sentence_too_long() -> None:
     """Three certain causes beside a doubtful one took 28 words."""
-    said = {decide(replace(evidence, joint=LONG)).sentence for evidence in of_long_joint()}
+    said = {decide(replace(one, case=replace(one.case, joint=LONG))).sentence for one in of_long_joint()}
     assert len(said) > 100
     longest = max(said, key=lambda sentence: len(sentence.split()))
     assert len(longest.split()) <= MOST_WORDS, longest
@@ -356,19 +361,19 @@ def test_a_joint_of_a_robot_at_the_noise_has_nothing_to_explain_in_spite_of_slig
     right = replayed(level=0.2, after=NOISE, tuned=NOISE, of_robot=True)
     verdict = decide(right)
     assert verdict.name == NOTHING and verdict.because("structure")
-    assert decide(replace(right, of_robot=False)).name == NOT_IDENTIFIABLE
+    assert decide(with_measured(right, of_robot=False)).name == NOT_IDENTIFIABLE
     assert decide(replayed(level=0.2, after=1.25 * NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
     assert decide(replayed(level=0.5, after=NOISE, of_robot=True)).name == NOT_IDENTIFIABLE
     taken_out = OpenCause("load.mass", WITHDRAWN, "its size cannot be told from none")
-    assert decide(replace(right, open_causes=(taken_out,))).name == NOT_IDENTIFIABLE
+    assert decide(with_measured(right, open_causes=(taken_out,))).name == NOT_IDENTIFIABLE
 
 
 def test_beside_refitted_numbers_causes_are_feeble_by_all_data_that_no_fit_saw() -> None:
     """An acceleration limit took a joint from 44 to 5.4 mrad, and was said to remove little: refitting reached 5.0."""
     little = replayed(cause(sure=0.7), level=9.0, left=0.2, after=0.0095)
     assert decide(little).name == NOT_IDENTIFIABLE and "little" in decide(little).sentence
-    assert decide(replace(little, removed=0.7)).name == PARTLY
-    assert decide(replace(little, removed=0.1)).name == NOT_IDENTIFIABLE
+    assert decide(with_measured(little, removed=0.7)).name == PARTLY
+    assert decide(with_measured(little, removed=0.1)).name == NOT_IDENTIFIABLE
 
 
 def test_what_is_only_possible_is_not_said_to_explain() -> None:

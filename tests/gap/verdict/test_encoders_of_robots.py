@@ -10,6 +10,7 @@ import pytest
 from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.extended import Extended
 from sealegs.gap.finder.diagnosis import diagnose
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.measure.named import CERTAIN
 from sealegs.gap.output.robot_extension import of_robot, widened_range
@@ -113,5 +114,5 @@ def test_frames_that_are_not_compared_are_said_to_be_believed(tmp_path: Path) ->
     """A gripper of 5 g without a column switched the check of directions off, and nothing said so."""
     run = two_link_run(tmp_path, 2.0)
     without = replace(run, joints={"shoulder": run.joints["shoulder"]})
-    _, findings = in_likely_frames([without], lambda text: None)
+    _, findings = in_likely_frames(Machine.of([without]), lambda text: None)
     assert [f.code for f in findings] == ["robot.frame_unchecked"] and "elbow.position" in findings[0].sentence

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.load.robot import Frame
+from sealegs.gap.load.robot import Frame, Machine
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.output.document import document_of, joints_of, read_document, write_document
 from sealegs.gap.output.extension import as_taken, write_extension
@@ -33,7 +33,7 @@ def mirrored(run: MeasuredRun, joint: str, zero: float) -> MeasuredRun:
 
 def taken(run: MeasuredRun) -> dict[str, Frame]:
     """The frames in which a diagnosis takes a run, where they are not the model's."""
-    runs, _ = in_likely_frames([run], lambda text: None)
+    runs, _ = in_likely_frames(Machine.of([run]), lambda text: None)
     return {name: frame for name, frame in robot(runs[0]).frames.items() if frame != Frame()}
 
 
@@ -61,7 +61,7 @@ def test_a_joint_that_counts_the_other_way_from_another_zero_is_found(
 @pytest.mark.long
 def test_what_was_taken_is_said_with_what_it_gains_and_its_mirror_image(run: MeasuredRun) -> None:
     told: list[str] = []
-    _, findings = in_likely_frames([mirrored(run, "elbow", 0.8)], told.append)
+    _, findings = in_likely_frames(Machine.of([mirrored(run, "elbow", 0.8)]), told.append)
     sentence = next(finding.sentence for finding in findings if finding.code == "robot.frame")
     assert "are taken here" in sentence and "meta: frames" in sentence and "shoulder turned around" in sentence
     assert sentence in told, "whoever sees it may stop and mend it"
@@ -71,7 +71,7 @@ def test_what_was_taken_is_said_with_what_it_gains_and_its_mirror_image(run: Mea
 def test_frames_that_a_sidecar_gives_are_doubted_and_kept(run: MeasuredRun) -> None:
     given = {"elbow": {"zero": 0.0, "direction": -1}, "shoulder": {"zero": 0.0, "direction": 1}}
     wrong = replace(run, meta={**run.meta, "frames": given})
-    runs, findings = in_likely_frames([wrong], lambda text: None)
+    runs, findings = in_likely_frames(Machine.of([wrong]), lambda text: None)
     assert "robot.frame" in [finding.code for finding in findings]
     assert runs[0].meta["frames"] == given
 
@@ -103,7 +103,7 @@ def limited(run: MeasuredRun, folder: Path, low: float, high: float) -> Measured
 def test_a_centre_of_mass_that_lies_elsewhere_is_no_zero(run: MeasuredRun, tmp_path: Path) -> None:
     """Gravity cannot tell it from a zero of the last joint: a zero was taken, and nothing was left to explain."""
     wrong = edited(run, tmp_path, r'\1/>\2pos="0.06 \3 0"')
-    runs, findings = in_likely_frames([wrong], lambda text: None)
+    runs, findings = in_likely_frames(Machine.of([wrong]), lambda text: None)
     assert runs[0].meta.get("frames") is None
     (doubt,) = [finding for finding in findings if finding.code == "robot.frame"]
     assert "centre of mass" in doubt.sentence
@@ -134,7 +134,9 @@ def test_the_joint_that_would_leave_its_range_is_the_one_that_is_turned(run: Mea
 
 @pytest.mark.long
 def test_runs_of_hosts_that_count_differently_are_not_forced_into_one_frame(run: MeasuredRun) -> None:
-    runs, _ = in_likely_frames([run, mirrored(run, "elbow", 0.8), mirrored(run, "elbow", 0.8)], lambda text: None)
+    runs, _ = in_likely_frames(
+        Machine.of([run, mirrored(run, "elbow", 0.8), mirrored(run, "elbow", 0.8)]), lambda text: None
+    )
     assert all(one.meta.get("frames") is None for one in runs)
 
 
@@ -145,14 +147,16 @@ def test_runs_with_other_gains_tell_the_same_frames(
     """Every run was taken for one of the first one's gain, and the frame of none was doubted."""
     monkeypatch.setitem(arm.SERVOS, "two_link", arm.SERVO | {"gain": 4.0 * arm.SERVO["gain"]})
     stiff = replace(two_link_run(tmp_path, 8.0), name="stiff", robot=run.robot)
-    runs, _ = in_likely_frames([mirrored(one, "elbow", 0.8) for one in (run, stiff, stiff)], lambda text: None)
+    runs, _ = in_likely_frames(
+        Machine.of([mirrored(one, "elbow", 0.8) for one in (run, stiff, stiff)]), lambda text: None
+    )
     assert robot(runs[1]).frame("elbow").zero == pytest.approx(0.8, abs=0.05)
 
 
 def test_a_group_that_is_kept_for_the_test_does_not_choose(run: MeasuredRun) -> None:
     kept = replace(mirrored(run, "elbow", 0.8), meta={**run.meta, "group": "kept"})
     plain = replace(run, meta={**run.meta, "group": "seen"})
-    runs, findings = in_likely_frames([plain, kept], lambda text: None, "kept")
+    runs, findings = in_likely_frames(Machine.of([plain, kept]), lambda text: None, "kept")
     assert all(one.meta.get("frames") is None for one in runs)
     assert "robot.frame" not in [finding.code for finding in findings]
 
@@ -167,8 +171,18 @@ def test_a_frame_that_is_given_for_one_joint_leaves_the_others_to_be_found(run: 
 
 def test_a_saved_diagnosis_says_in_which_frames_its_values_are(tmp_path: Path) -> None:
     frames = {"elbow": {"zero": 0.8, "direction": -1}}
-    joint = JointDiagnosis(
-        "elbow", NOTHING, "Nothing to explain.", "elbow.position", "rad", {}, (), 0.0, (), None, (), frames=frames
+    joint = JointDiagnosis.of(
+        joint="elbow",
+        verdict=NOTHING,
+        sentence="Nothing to explain.",
+        signal="elbow.position",
+        unit="rad",
+        gap={},
+        causes=(),
+        unexplained=0.0,
+        experiment=None,
+        findings=(),
+        frames=frames,
     )
     document = document_of([joint], "arm", ["run"])
     write_document(document, tmp_path / "diagnosis.json")

@@ -17,9 +17,9 @@ import pytest
 from sealegs.gap.finder.parallel import Said, side_by_side
 from sealegs.gap.fleet import Job, Outcome
 from sealegs.gap.fleet.run import in_processes
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log import LogError
 from sealegs.gap.log.finding import Finding
-from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.search.journal import keeping
@@ -36,15 +36,13 @@ def test_joints_are_diagnosed_side_by_side_and_one_whose_process_dies_again(tmp_
     found, told = [], []
     request = Request(progress=told.append)
     with keeping(tmp_path / "fits.jsonl"):
-        joints = side_by_side(dict.fromkeys("abc", dies_in_a_process), (), (), request, 2, found.append)
+        joints = side_by_side(dict.fromkeys("abc", dies_in_a_process), Machine.of(()), (), request, 2, found.append)
     assert [joint.joint for joint in joints] == ["a", "b", "c"]
     assert {joint.joint for joint in found} == {"a", "b", "c"} and any("without a result" in text for text in told)
 
 
-def dies_in_a_process(
-    runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
-) -> JointDiagnosis:
-    del runs, findings, request
+def dies_in_a_process(machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
+    del machine, findings, request
     if joint == "b" and multiprocessing.parent_process() is not None:
         os._exit(1)
     return refuse(joint, Refused(joint, "it is only a test"))
@@ -57,7 +55,9 @@ def test_what_joints_are_at_is_told_and_no_diagnosis_needs_it(monkeypatch: pytes
     told: list[str] = []
     if lost:
         monkeypatch.setattr(SyncManager, "start", raising(EOFError()))
-    joints = side_by_side(dict.fromkeys("abc", says), (), (), Request(progress=told.append), 2, lambda joint: None)
+    joints = side_by_side(
+        dict.fromkeys("abc", says), Machine.of(()), (), Request(progress=told.append), 2, lambda joint: None
+    )
     assert [joint.joint for joint in joints] == ["a", "b", "c"]
     assert ("a: at work on a" in told) is not lost
     monkeypatch.undo()
@@ -67,15 +67,15 @@ def test_what_joints_are_at_is_told_and_no_diagnosis_needs_it(monkeypatch: pytes
     said("into the void")
 
 
-def says(runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
-    del runs, findings
+def says(machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
+    del machine, findings
     request.progress(f"at work on {joint}")
     return refuse(joint, Refused(joint, "it is only a test"))
 
 
 def test_joints_one_after_the_other_are_named_and_counted() -> None:
     told: list[str] = []
-    side_by_side(dict.fromkeys("abc", says), (), (), Request(progress=told.append), 1, lambda joint: None)
+    side_by_side(dict.fromkeys("abc", says), Machine.of(()), (), Request(progress=told.append), 1, lambda joint: None)
     assert told[0] == "a: at work on a" and told[1].startswith("a: ") and told[1].endswith("; 2 joints left")
     assert told[3].endswith("; 1 joint left") and told[5].endswith("; 0 joints left")
 
@@ -94,13 +94,15 @@ def test_processes_of_joints_end_with_a_program_that_is_killed(tmp_path: Path) -
 def diagnoses_for_ever(folder: Path) -> None:
     request = Request()
     with keeping(folder / "fits.jsonl"):
-        side_by_side(dict.fromkeys("abc", partial(waits_for_ever, folder)), (), (), request, 2, lambda joint: None)
+        side_by_side(
+            dict.fromkeys("abc", partial(waits_for_ever, folder)), Machine.of(()), (), request, 2, lambda joint: None
+        )
 
 
 def waits_for_ever(
-    folder: Path, runs: Sequence[MeasuredRun], joint: str, findings: Sequence[Finding], request: Request
+    folder: Path, machine: Machine, joint: str, findings: Sequence[Finding], request: Request
 ) -> JointDiagnosis:
-    del runs, findings, request
+    del machine, findings, request
     (folder / f"{os.getpid()}.pid").touch()
     threading.Event().wait()
     return refuse(joint, Refused(joint, "it is only a test"))

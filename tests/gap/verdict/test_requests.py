@@ -12,6 +12,7 @@ import pytest
 from sealegs.common.bugs import Unforeseen
 from sealegs.common.errors import SealegsError
 from sealegs.gap.finder import diagnosis as way
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.measured import Measured
 from sealegs.gap.measure.named import Error, NamedCause
@@ -26,7 +27,7 @@ from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed import hidden_hopper
-from tests.logged_robots import robot, two_link_run
+from tests.logged_robots import two_link_run
 from tests.raising import raising
 
 
@@ -83,9 +84,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     cause = NamedCause("load.mass", "Heavier.", ROBOT, 0.9, 0.95, {}, 0.5, "number", rivals=("load.inertia",))
     errors = {name: Error(rmse, rmse) for name, rmse in (("nominal", 0.02), ("extended", 6e-4), ("noise_floor", 6e-4))}
     errors["refitted"] = errors["nominal"]
-    measured = Measured(
-        errors, errors["nominal"], {}, {}, 0.0, 0.0, Structure(0.0, 0.0), (cause,), 0.1
-    )  # fmt: skip
+    measured = Measured(errors, errors["nominal"], structure=Structure(0.0, 0.0), causes=(cause,), tuned_share=0.1)
     search = SimpleNamespace(accepted=[SimpleNamespace(cause=SimpleNamespace(key="load.mass"))], rounds=())
     problem = SimpleNamespace(units=(), signal=("position", "rad"))
     asked: list[Any] = []
@@ -100,7 +99,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(shared, "search_shared", sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
     request = Request(search=replace(DEFAULT, least_gain=0.5), look_on=True)
-    *_, found = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], request, raising(KeyError("none")))
+    *_, found = with_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], request, raising(KeyError("none")))
     assert found.joint == ROBOT and found.search is search
     assert found.rivals == ({"of": "load.mass", "names": ["load.mass", "load.inertia"], "confidence": 0.95},)
     assert request.search in asked and True in asked
@@ -122,6 +121,6 @@ def test_what_joints_do_not_share_after_all_is_told(
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
     monkeypatch.setattr(shared, "search_shared", lambda *given: sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
-    (elbow,) = with_robot(robot(run), [run], [not_diagnosed([run], "elbow")], Request(), raising(KeyError("none")))
+    (elbow,) = with_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], Request(), raising(KeyError("none")))
     (note,) = [finding.sentence for finding in elbow.findings if finding.code == "robot.not_shared"]
     assert "load.centre_of_mass" in note and why in note

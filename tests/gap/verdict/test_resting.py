@@ -10,6 +10,7 @@ import pytest
 from sealegs.gap.checks.stops import stops_of
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.resting import Resting, find_resting
+from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.parts import LEAST_FREE, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.prepare import resting
@@ -57,7 +58,7 @@ def test_a_table_is_found_at_its_height_by_the_body_that_touches_it(pressed: Mea
 
 @pytest.mark.long
 def test_the_contacts_are_told_and_no_piece_and_no_stop_is_taken_from_them(pressed: MeasuredSet) -> None:
-    runs, (finding,) = without_rests(pressed.runs)
+    runs, (finding,) = without_rests(Machine.of(pressed.runs))
     assert finding.code == RESTS
     assert "such as a table" in finding.sentence and "left out at shoulder_pan" in finding.sentence
     for name in ("shoulder_lift", "elbow_flex"):
@@ -88,7 +89,7 @@ def test_contacts_are_kept_where_too_little_would_be_left_and_that_is_said(
     pressed: MeasuredSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(resting, "LEFT", 0.99)
-    runs, (finding,) = without_rests(pressed.runs)
+    runs, (finding,) = without_rests(Machine.of(pressed.runs))
     assert all(log.touched is None for run in runs for log in run.joints.values())
     assert "too little would be left" in finding.sentence
 
@@ -101,7 +102,7 @@ def test_numbers_that_fail_are_told_and_stop_no_diagnosis(
         raise np.linalg.LinAlgError("SVD did not converge")
 
     monkeypatch.setattr(resting, "find_resting", fail)
-    runs, (finding,) = without_rests(pressed.runs)
+    runs, (finding,) = without_rests(Machine.of(pressed.runs))
     assert runs is pressed.runs and "could not be told (LinAlgError: SVD did not converge)" in finding.sentence
 
 

@@ -14,7 +14,7 @@ from sealegs.envs.described.as_robot import bare_model
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
-from sealegs.gap.load.robot import robot_of
+from sealegs.gap.load.robot import Machine, robot_of
 from sealegs.gap.load.terms import E_SIZE
 from sealegs.gap.load.tree import ANGLE, Motion, least_payload, terms_along, tip_behind
 from sealegs.gap.log.parts import FIT_A, FIT_B
@@ -239,9 +239,13 @@ def test_the_delay_of_a_robots_joint_is_known_to_half_a_turn_of_a_servos_loop(tm
 def test_a_drive_that_nobody_named_is_reported_as_assumed(tmp_path: Path) -> None:
     """Its gains were an invention, and fitted as if somebody had measured them."""
     run = two_link_run(tmp_path, 3.0)
-    assert "robot.assumed_drive" not in {finding.code for finding in cut_joint([run], "elbow", None).findings}
+    assert "robot.assumed_drive" not in {
+        finding.code for finding in cut_joint(Machine.of([run]), "elbow", None).findings
+    }
     del run.actuators["elbow"]
-    (said,) = [f.sentence for f in cut_joint([run], "elbow", None).findings if f.code == "robot.assumed_drive"]
+    (said,) = [
+        f.sentence for f in cut_joint(Machine.of([run]), "elbow", None).findings if f.code == "robot.assumed_drive"
+    ]
     assert "names no actuator for joint 'elbow'" in said and "an ideal servo of" in said and "assumed" in said
 
 
@@ -249,6 +253,6 @@ def test_a_second_command_that_the_chain_does_not_take_is_reported(tmp_path: Pat
     """A feed-forward torque beside a goal was left out without a word."""
     run = two_link_run(tmp_path, 3.0)
     log = replace(run.joints["elbow"], torque_command=np.zeros(len(run.time)))
-    (as_it_was,), (said,) = with_whole_goals([replace(run, joints={**run.joints, "elbow": log})])
+    (as_it_was,), (said,) = with_whole_goals(Machine.of([replace(run, joints={**run.joints, "elbow": log})]))
     assert said.code == "command.unused" and as_it_was.joints["elbow"].goal is log.goal
     assert "elbow.torque_command is not used: the chain of joint 'elbow' does not take it" in said.sentence

@@ -18,6 +18,7 @@ from sealegs.gap.load.efforts import predicted
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
+from sealegs.gap.measure.case import Replay
 from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.output import next_step
 from sealegs.gap.output.terminal import screen
@@ -27,8 +28,9 @@ from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import HELD
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.verdict.decide import MOST_WORDS, decide
-from sealegs.gap.verdict.evidence import Replayed
 from sealegs.gap.verdict.verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
+
+from tests.replayed_evidence import evidence
 
 IDEAL: list[Any] = [{"ideal": {"stiffness": 20.0, "damping": 0.5}}]
 MOTION = 0.5 * np.sin(np.arange(0.0, 8.0, 0.01) * 3.0)
@@ -48,13 +50,18 @@ def driven(of: MeasuredRun) -> DrivenProblem:
     return driven_problem(runs, "knee", models, cut(runs, "knee"), 1e-4)
 
 
+def replayed(of: MeasuredRun) -> Replay:
+    problem = driven(of)
+    return Replay(problem, problem)
+
+
 def found(**changes: Any) -> JointDiagnosis:
     given: dict[str, Any] = {
         "joint": "knee", "verdict": NOT_IDENTIFIABLE, "sentence": "A sentence.", "signal": "knee.torque",
         "unit": "rad", "gap": {"noise_floor": Error(2.7e-4, 2e-4)}, "causes": (CAUSE,), "unexplained": 0.0,
-        "rivals": (), "experiment": None, "findings": (), "tuned_share": 0.4,
+        "experiment": None, "findings": (), "tuned_share": 0.4,
     }  # fmt: skip
-    return JointDiagnosis(**{**given, **changes})
+    return JointDiagnosis.of(**{**given, **changes})
 
 
 def test_a_chain_without_a_motor_predicts_its_torque_only() -> None:
@@ -122,10 +129,10 @@ def test_what_is_missing_is_told_by_why_the_link_is_held() -> None:
     """A robot's file was asked for where there was one, and current of a chain without a motor."""
     files = {"extended": Path("d/extended.yaml")}
     held = Finding(HELD, "note", "knee", None, "The robot's base moves; write base: fixed in its YAML.")
-    of_robot = found(problem=driven(run(torque=MOTION)), findings=(held,))
+    of_robot = found(replay=replayed(run(torque=MOTION)), findings=(held,))
     said, _ = next_step.next_step([of_robot], files)
     assert said.endswith("(limits=) or another load. The robot's base moves; write base: fixed in its YAML.")
-    unknown = found(problem=driven(run("xl330", torque=MOTION)))
+    unknown = found(replay=replayed(run("xl330", torque=MOTION)))
     said, _ = next_step.next_step([unknown], files)
     assert "another load, or the columns current and duty. The load is not known" in said
 
@@ -137,12 +144,15 @@ def test_how_much_stays_unexplained_is_told() -> None:
     errors = {key: Error(0.02, 0.02) for key in ("nominal", "refitted", "extended")} | {
         "noise_floor": Error(3e-4, 2e-4)
     }
-    evidence = Replayed("knee", errors, Error(0.02, 0.02), (CAUSE,), 0.677, LEFT)
-    verdict = decide(evidence)
+    seen = evidence("knee", errors, (CAUSE,), LEFT, tuned_error=Error(0.02, 0.02), left=0.677)
+    verdict = decide(seen)
     assert verdict.sentence.startswith("No known cause explains 68 % of the gap of 'knee'")
     assert "perhaps drive.delay 30 % (confidence 0 %)" in verdict.sentence and verdict.because("structure")
     assert len(verdict.sentence.split()) <= MOST_WORDS
-    assert "unexplained" not in decide(Replayed("knee", errors, Error(0.02, 0.02), (CAUSE,), 0.01, LEFT)).sentence
+    assert (
+        "unexplained"
+        not in decide(evidence("knee", errors, (CAUSE,), LEFT, tuned_error=Error(0.02, 0.02), left=0.01)).sentence
+    )
 
 
 def test_the_ground_is_no_joint_to_ask_for() -> None:

@@ -12,7 +12,7 @@ import pytest
 from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.extended import Extended
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.load.robot import LoggedRobot
+from sealegs.gap.load.robot import LoggedRobot, Machine
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.measure.measured import rival_of
@@ -37,7 +37,19 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
 
 
 def found_of_robot(number: str, value: float) -> JointDiagnosis:
-    return JointDiagnosis(ROBOT, "explained", "", "", "rad", {}, (), 0.0, (), None, (), values={number: value})
+    return JointDiagnosis.of(
+        joint=ROBOT,
+        verdict="explained",
+        sentence="",
+        signal="",
+        unit="rad",
+        gap={},
+        causes=(),
+        unexplained=0.0,
+        experiment=None,
+        findings=(),
+        values={number: value},
+    )
 
 
 def numbers(machine: LoggedRobot) -> dict[str, tuple[Direction, float]]:
@@ -100,7 +112,7 @@ def test_what_the_robot_has_is_not_the_share_of_a_joints_tuned_numbers() -> None
 
     def judged(nominal: float, **more: Any) -> JointDiagnosis:
         gap = {name: Error(size, size) for name, size in (("nominal", nominal), ("noise_floor", 1e-3))}
-        return replace(found_of_robot("x", 0.0), joint="elbow", gap=gap, **more)
+        return found_of_robot("x", 0.0).changed(joint="elbow", gap=gap, **more)
 
     now = beside_before(judged(2e-3, tuned_share=0.9, unexplained=0.1), judged(20e-3), "body.hand.payload 0.15 kg")
     assert now.gap["nominal"].rmse == 20e-3 and now.shared_share == pytest.approx(1.0 - 3.0 / 399.0)
@@ -157,7 +169,7 @@ def test_a_goal_that_one_run_lacks_stops_only_the_joint_that_it_is_of(tmp_path: 
     data, _ = hidden_arm(tmp_path, "two_link", {}, seed=5, runs=2, duration=10.0)
     first, second = data.runs
     without = replace(second, joints={**second.joints, "elbow": replace(second.joints["elbow"], goal=None)})
-    terms = cut_joint([first, without], "shoulder", None).terms
+    terms = cut_joint(Machine.of([first, without]), "shoulder", None).terms
     assert terms is not None and len(terms[1]) == len(without.time)
 
 
