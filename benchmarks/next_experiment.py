@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sealegs.gap.experiment import RATE, Experiment
+from sealegs.gap.experiment import GOAL_RATE, Experiment
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.verdict import JointDiagnosis
@@ -56,10 +56,10 @@ def record_experiment(data: MeasuredSet, truth: dict[str, Any], experiment: Expe
     from testbed import run_again
 
     def goals(time: np.ndarray) -> np.ndarray:
-        at = np.floor((time - time[0]) * RATE + 1e-6).astype(int)
+        at = np.floor((time - time[0]) * GOAL_RATE + 1e-6).astype(int)
         return experiment.goal[np.clip(at, 0, len(experiment.goal) - 1)]
 
-    duration = len(experiment.goal) / RATE
+    duration = len(experiment.goal) / GOAL_RATE
     more = run_again(data, truth, goals, experiment.load, duration=duration, runs=experiment.repeats, seed=seed)
     tag = len(data.runs)
     runs = [run.__class__(**{**run.__dict__, "name": f"{run.name}_{tag}"}) for run in more]

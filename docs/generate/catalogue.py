@@ -13,7 +13,7 @@ from sealegs.gap.causes.registry import ROBOT
 from sealegs.gap.ground.leg_causes import contact_causes
 from sealegs.gap.ground.leg_model import LegModel
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.robot.directions import TILTS
+from sealegs.gap.robot.directions import TILT_PARAMETERS
 from sealegs.gap.robot.search import SENTENCES
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -42,7 +42,7 @@ one.
 Written by `python -m docs.generate.catalogue` from `gap/causes/`; do not edit.
 """
 TABLE = "\n| parameter | unit | lowest | highest |\n|---|---|---|---|\n"
-PARAMETERS = {"load.tilt": TILTS}
+PARAMETERS = {"load.tilt": TILT_PARAMETERS}
 """Numbers of the causes that only a whole robot has."""
 NEEDS = {
     "free_link": "a link that moves freely (a bench with a known load)",

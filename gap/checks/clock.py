@@ -11,9 +11,9 @@ from ..log.gaps import PERIODS, gaps
 from ..log.parts import WARM_UP
 from ..log.types import MeasuredRun
 
-IRREGULAR = 0.15
+IRREGULAR_PERIOD_SPREAD = 0.15
 """Spread of the sample period, relative to its median, from which a clock is called irregular."""
-COARSE = 0.04
+COARSE_STAMP_STEP = 0.04
 """Step of quantised time stamps, relative to the period, from which it disturbs derivatives."""
 
 
@@ -23,7 +23,7 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
     period = float(np.median(steps))
     regular = steps[steps <= PERIODS * period]
     spread = float(np.std(regular) / period)
-    if spread > IRREGULAR:
+    if spread > IRREGULAR_PERIOD_SPREAD:
         yield Finding(
             "clock.irregular", "note", None, "time",
             f"Sampling is irregular: {1 / steps.max():.4g} to {1 / steps.min():.4g} Hz around {1 / period:.4g} Hz; "
@@ -48,7 +48,7 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
             value=float(steps[worst]), data_error=True,
         )  # fmt: skip
     tick = time_stamp_step(run.time[: 1 << 16])
-    if tick > COARSE * period and spread > 1e-3:
+    if tick > COARSE_STAMP_STEP * period and spread > 1e-3:
         yield Finding(
             "clock.quantised", "warning", None, "time",
             f"Time stamps are rounded to {tick * 1e3:.3g} ms at a period of {period * 1e3:.3g} ms; log them finer.",

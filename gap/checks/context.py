@@ -14,11 +14,11 @@ from ..load.units import run_in_model_units
 from ..log.types import Array, JointLog, MeasuredRun
 from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
 
-LONGEST_EXCERPT = 200_000
+MAX_EXCERPT_SAMPLES = 200_000
 """Samples that the checks of motion look at; of a longer log they take its middle."""
-LEAST_SPAN = 30.0
+MIN_MOTION_SPAN = 30.0
 """Range of motion, in rms errors of a sample, below which causes look alike."""
-LEAST_SHARE = 0.01
+MIN_MOVING_SHARE = 0.01
 """Share of the samples with motion below which causes look alike."""
 
 
@@ -128,12 +128,12 @@ class JointContext:
     @cached_property
     def short(self) -> bool:
         """Whether the joint moves over so little that causes look alike."""
-        return self.span < LEAST_SPAN * max(self.noise, self.step / 4)
+        return self.span < MIN_MOTION_SPAN * max(self.noise, self.step / 4)
 
     @cached_property
     def seldom(self) -> bool:
         """Whether the joint moves so seldom that causes look alike."""
-        return float(self.moving.mean()) < LEAST_SHARE
+        return float(self.moving.mean()) < MIN_MOVING_SHARE
 
 
 def joint_contexts(run: MeasuredRun) -> list[JointContext]:
@@ -144,7 +144,7 @@ def joint_contexts(run: MeasuredRun) -> list[JointContext]:
     """
     if run.meta.get("units"):  # the pieces of a long log are checked before anything else looks at them
         run = run_in_model_units(run, robot_of(run))
-    excess = max(len(run.time) - LONGEST_EXCERPT, 0)
+    excess = max(len(run.time) - MAX_EXCERPT_SAMPLES, 0)
     part = slice(excess // 2, len(run.time) - (excess - excess // 2))
     contexts = []
     for name, log in run.joints.items():

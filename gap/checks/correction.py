@@ -9,7 +9,7 @@ import numpy as np
 
 from ..log.finding import Finding
 from ..log.types import Array, JointLog, MeasuredRun
-from .motion import TURN, on_turn_of, unwrapped
+from .motion import FULL_TURN, on_turn_of, unwrapped
 from .recording import held_again, regular, unheld
 
 Mend = Callable[[Array, float], Array]
@@ -75,7 +75,7 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
         if signal == "goal":
             return replace(log, goal=on_turn_of(unwrapped(values), unwrapped(log.position)))
         other = log.goal if signal == "position" else log.position
-        return replace(log, **{signal: _unwrapped(values, other, float(finding.value or TURN))})
+        return replace(log, **{signal: _unwrapped(values, other, float(finding.value or FULL_TURN))})
     if finding.code == "unit.degrees" and signal == "goal" and log.goal_velocity is not None:
         log = replace(log, goal_velocity=CONVERTED[finding.code](log.goal_velocity, 1.0))
     if finding.code == HELD:
@@ -86,7 +86,7 @@ def _mended(log: JointLog, signal: str, finding: Finding) -> JointLog:
 
 def _unwrapped(values: Array, other: Array | None, jump: float) -> Array:
     """An angle without its jumps, on the turn of another one that goes with it: the goal, or the motor's position."""
-    period = TURN if abs(jump / TURN - 1.0) < 0.1 else jump
+    period = FULL_TURN if abs(jump / FULL_TURN - 1.0) < 0.1 else jump
     angle = np.unwrap(values, period=period)
     return angle if other is None else on_turn_of(angle, other, period)
 

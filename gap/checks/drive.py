@@ -11,24 +11,24 @@ from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
 
-UNITS: dict[str, dict[str, float]] = {
+COLUMN_UNITS: dict[str, dict[str, float]] = {
     "duty": {"percent": 100.0, "counts of 885": 885.0, "per mille": 1000.0, "counts of 1023": 1023.0},
     "current": {"milliamperes": 1000.0},
     "voltage": {"tenths of a volt": 10.0, "millivolts": 1000.0},
 }
 """How many times too large a column is in another unit."""
-RIGHT = (0.3, 3.0)
+CHAIN_RATIO_RANGE = (0.3, 3.0)
 """Ratio of a column to what the chain says that a wrong number of the chain may make."""
-ALIKE = 0.5
+MIN_CHAIN_CORRELATION = 0.5
 """Least squared correlation of a column with what the chain says before a ratio is read off."""
-KELVIN = 200.0
+KELVIN_TEMPERATURE = 200.0
 """Temperature that no running motor has in degC."""
 
 
 def check_drive(joint: JointContext) -> Iterator[Finding]:
     """Yield the columns of the drive that are in another unit, on the other side of a gear or of the other sign."""
     temperature = joint.log.temperature
-    if temperature is not None and np.nanmedian(temperature) > KELVIN:
+    if temperature is not None and np.nanmedian(temperature) > KELVIN_TEMPERATURE:
         yield Finding(
             "unit.temperature", "warning", joint.name, joint.column("temperature"),
             f"{joint.column('temperature')} is in kelvin, not in degC: it is {np.nanmedian(temperature):.0f}.",
@@ -82,31 +82,31 @@ def _ratio(values: Array, expected: Array) -> float | None:
     """Column over what the chain says, by least squares where the two go together."""
     good = np.isfinite(values) & np.isfinite(expected)
     a, b = values[good], expected[good]
-    if len(a) < 100 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0 or np.corrcoef(a, b)[0, 1] ** 2 < ALIKE:
+    if len(a) < 100 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0 or np.corrcoef(a, b)[0, 1] ** 2 < MIN_CHAIN_CORRELATION:
         return None
     return float(a @ b / (b @ b))
 
 
 def _named(signal: str, ratio: float) -> bool:
     """Whether a ratio is that of a right column, of the other sign, or of a unit that is known."""
-    sizes = [abs(ratio), *(ratio / size for size in UNITS[signal].values())]
-    return any(RIGHT[0] < size < RIGHT[1] for size in sizes)
+    sizes = [abs(ratio), *(ratio / size for size in COLUMN_UNITS[signal].values())]
+    return any(CHAIN_RATIO_RANGE[0] < size < CHAIN_RATIO_RANGE[1] for size in sizes)
 
 
 def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding]:
-    if RIGHT[0] < ratio < RIGHT[1]:
+    if CHAIN_RATIO_RANGE[0] < ratio < CHAIN_RATIO_RANGE[1]:
         return
     column = joint.column(signal)
-    if RIGHT[0] < -ratio < RIGHT[1]:
+    if CHAIN_RATIO_RANGE[0] < -ratio < CHAIN_RATIO_RANGE[1]:
         yield Finding(
             f"{signal}.sign", "warning", joint.name, column,
             f"{column} has the wrong sign: it is {ratio:.3g} times what goal, position and chain say.",
             value=-1.0, cause="sensor.scale", data_error=True,
         )  # fmt: skip
         return
-    unit = min(UNITS[signal], key=lambda name: abs(np.log(abs(ratio) / UNITS[signal][name])))
-    if ratio > 0.0 and RIGHT[0] < ratio / UNITS[signal][unit] < RIGHT[1]:
-        value, what = UNITS[signal][unit], f"is in {unit}"
+    unit = min(COLUMN_UNITS[signal], key=lambda name: abs(np.log(abs(ratio) / COLUMN_UNITS[signal][name])))
+    if ratio > 0.0 and CHAIN_RATIO_RANGE[0] < ratio / COLUMN_UNITS[signal][unit] < CHAIN_RATIO_RANGE[1]:
+        value, what = COLUMN_UNITS[signal][unit], f"is in {unit}"
     else:
         value, what = ratio, "is in another unit or of the other side of a gear"
     yield Finding(

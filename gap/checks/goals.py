@@ -11,16 +11,16 @@ from ..log.types import Array
 from .context import JointContext
 from .signal import quantisation_step
 
-NEARLY_ALL = 0.98
+GOAL_READING_SHARE = 0.98
 """Share of the samples in motion in which goal and reading must be one."""
-FEWEST = 100
+MIN_MOVING_SAMPLES = 100
 """Samples in motion from which that is told."""
-ROUNDED = 1e-6
+ROUNDING_SHARE = 1e-6
 """Of the range of motion: difference that writing a number down makes."""
-HALF_STEP = 0.51
+ROUNDING_STEPS = 0.51
 """Of the quantisation steps of both columns: difference that rounding one of two equal columns makes."""
-STEADIEST = 2e-3  # [s] within which no servo holds its lag at all speeds; assumed: 0.4 of the delay of sts3215
-FASTEST = 0.75  # quantile of the speeds in motion above which the fast ones are
+STEADY_LAG = 2e-3  # [s] within which no servo holds its lag at all speeds; assumed: 0.4 of the delay of sts3215
+FAST_SPEED_QUANTILE = 0.75  # quantile of the speeds in motion above which the fast ones are
 
 
 def check_goal(joint: JointContext) -> Iterator[Finding]:
@@ -34,7 +34,7 @@ def check_goal(joint: JointContext) -> Iterator[Finding]:
         return
     for ahead in (0, 1):
         share = _equal(joint, goal, position, ahead)
-        if share < NEARLY_ALL:
+        if share < GOAL_READING_SHARE:
             continue
         name, of_what = joint.column("goal"), joint.column("position")
         next_row = " of the next row" if ahead else ""
@@ -51,12 +51,12 @@ def _equal(joint: JointContext, goal: Array, position: Array, ahead: int) -> flo
     """Share of the samples in motion, drive on, in which the goal is the reading so many rows later."""
     last = len(goal) - ahead
     counts = (joint.moving & joint.on)[:last]
-    if counts.sum() < FEWEST:
+    if counts.sum() < MIN_MOVING_SAMPLES:
         return 0.0
     apart = np.abs(goal[:last] - position[ahead:])[counts]
-    exact = float((apart <= ROUNDED * joint.span).mean())
-    within = HALF_STEP * (joint.step + quantisation_step(goal))
-    fast = float(np.quantile(np.abs(joint.velocity[:last][counts]), FASTEST))
-    if exact >= NEARLY_ALL or fast * STEADIEST < within:  # slower motion hides a lag within the rounding
+    exact = float((apart <= ROUNDING_SHARE * joint.span).mean())
+    within = ROUNDING_STEPS * (joint.step + quantisation_step(goal))
+    fast = float(np.quantile(np.abs(joint.velocity[:last][counts]), FAST_SPEED_QUANTILE))
+    if exact >= GOAL_READING_SHARE or fast * STEADY_LAG < within:  # slower motion hides a lag within the rounding
         return exact
     return float((apart <= within).mean())

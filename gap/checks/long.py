@@ -1,7 +1,7 @@
 """Long logs in bounded memory: streamed in pieces, checked in whole, replayed in representative windows.
 
 A diagnosis needs minutes of motion, not hours. The first pass streams every file once and checks each piece as a log of
-its own. Each window of :data:`WINDOW` seconds gets a feature vector: position, speeds of goal and joint, their changes,
+its own. Each window of :data:`WINDOW_SECONDS` gets a feature vector: position, speeds of goal and joint, their changes,
 temperature. Farthest-point clustering of the vectors picks kinds of motion. Each cluster gives three windows, early,
 middle and late: one for each part of the data. The second pass keeps their samples.
 """
@@ -22,12 +22,12 @@ from ..log.reader import iterate_runs, log_files, read_measured
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from .data_set import check_run, middle_ones
 
-MOST_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
-WINDOW = 12.0  # [s]
-PARTS = 3  # of the data: two to fit and choose on, one for the test
-LEAST_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
-SHORTEST = 6.0  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
-PIECE_ROWS = 1 << 17
+MAX_SET_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
+WINDOW_SECONDS = 12.0  # [s]
+DATA_PARTS = 3  # of the data: two to fit and choose on, one for the test
+MIN_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
+MIN_WINDOW_SECONDS = 6.0  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
+READ_ROWS = 1 << 17
 SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
 JUDGED_IN_WHOLE = ("motion.none", "goal.still", "excitation.little")  # a long log may rest for a piece
 
@@ -55,7 +55,9 @@ class Survey:
     joints: tuple[str, ...] = ()
 
 
-def read_bounded(path: str | Path, most_rows: int = MOST_ROWS, progress: Progress = lambda text: None) -> MeasuredSet:
+def read_bounded(
+    path: str | Path, most_rows: int = MAX_SET_ROWS, progress: Progress = lambda text: None
+) -> MeasuredSet:
     """Read a measured log, or every log of a folder, into memory that does not grow with its length.
 
     Args:
@@ -87,7 +89,9 @@ def read_bounded(path: str | Path, most_rows: int = MOST_ROWS, progress: Progres
         progress(f"reading windows of {one.path.name}")
         runs += _windows(one, picked, window_rows(one.period, most_rows))
     if not runs:
-        raise LogError(f"{path}: no stretch of {WINDOW:g} s is without a gap in its samples; record the log again")
+        raise LogError(
+            f"{path}: no stretch of {WINDOW_SECONDS:g} s is without a gap in its samples; record the log again"
+        )
     for run in runs:
         if run.robot != runs[0].robot:
             raise LogError(f"{path}: holds logs of {runs[0].robot!r} and {run.robot!r}; keep one machine per folder")
@@ -120,7 +124,9 @@ def count_rows(path: Path) -> int:
 
 def window_rows(period: float, most_rows: int) -> int:
     """Samples of one window; a set has three at least, whatever their rows."""
-    return max(min(round(WINDOW / period), max(most_rows // LEAST_WINDOWS, round(SHORTEST / period))), 50)
+    return max(
+        min(round(WINDOW_SECONDS / period), max(most_rows // MIN_WINDOWS, round(MIN_WINDOW_SECONDS / period))), 50
+    )
 
 
 # --- first pass ----------------------------------------------------------------------------------------------------
@@ -138,7 +144,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
     size, first, period, last = 0, 0, 0.0, -np.inf
     carried: MeasuredRun | None = None
     joints: tuple[str, ...] = ()
-    for piece in iterate_runs(path, PIECE_ROWS):
+    for piece in iterate_runs(path, READ_ROWS):
         progress(f"checking {path.name}: {100 * first / max(rows, 1):.0f} %")
         if piece.time[0] <= last:
             raise LogError(
@@ -228,7 +234,7 @@ def spread(features: np.ndarray, count: int) -> list[tuple[int, int]]:
     """
     total = len(features)
     if total <= count:
-        return [(k, k % PARTS) for k in range(total)]
+        return [(k, k % DATA_PARTS) for k in range(total)]
     scaled = features / np.maximum(np.std(features, axis=0), 0.15)
     liveliest = int(np.argmax(scaled.sum(axis=1)))
     centres, distance = [liveliest], np.linalg.norm(scaled - scaled[liveliest], axis=1)
@@ -243,12 +249,12 @@ def spread(features: np.ndarray, count: int) -> list[tuple[int, int]]:
     for k in range(len(centres)):
         members = np.flatnonzero(nearest == k)
         at = np.unique(np.round(np.array([1 / 6, 1 / 2, 5 / 6]) * (len(members) - 1)).astype(int))
-        chosen += [(int(members[j]), (k + turn) % PARTS) for turn, j in enumerate(at)]
+        chosen += [(int(members[j]), (k + turn) % DATA_PARTS) for turn, j in enumerate(at)]
     rest = np.setdiff1d(np.arange(total), [k for k, _ in chosen])
     missing = min(count - len(chosen), len(rest))
     if missing > 0:  # small clusters leave room: more of the log, evenly
         further = np.linspace(0, len(rest) - 1, missing).astype(int)
-        chosen += [(int(rest[j]), turn % PARTS) for turn, j in enumerate(further)]
+        chosen += [(int(rest[j]), turn % DATA_PARTS) for turn, j in enumerate(further)]
     return chosen
 
 
@@ -261,7 +267,7 @@ def _windows(one: Survey, picked: Sequence[tuple[int, int]], size: int) -> list[
     parts = dict(picked)
     found: dict[int, MeasuredRun] = {}
     first, held = 0, None
-    for piece in iterate_runs(one.path, PIECE_ROWS):
+    for piece in iterate_runs(one.path, READ_ROWS):
         joined = piece if held is None else _joined(held, piece)
         begin = first - (0 if held is None else len(held.time))
         end = first + len(piece.time)

@@ -10,9 +10,9 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.types import MeasuredSet
 from .context import JointContext, joint_contexts
-from .motion import DEGREES, LARGEST_ANGLE, nearer
+from .motion import DEGREES_PER_RADIAN, MAX_STOPPED_ANGLE, nearer
 
-ONCE = (
+DECIDED_ONCE = (
     "position.sign",
     "link_position.sign",
     "velocity.sign",
@@ -31,14 +31,16 @@ ONCE = (
     "position.late",
 )
 """Findings of single runs that hold for all of a machine, or for none of it."""
-ANGLES = ("position", "goal", "link_position")
-APART = 15.0  # ratio of the noises of two runs from which their column has two units; degrees and radians make 57
-ALIKE = 4.0  # and up to which it has one
-REACH = 2.0  # times as far as the other runs go, in radians: more is no motion of the same joint
+ANGLE_SIGNALS = ("position", "goal", "link_position")
+TWO_UNITS_NOISE_RATIO = (
+    15.0  # ratio of the noises of two runs from which their column has two units; degrees and radians make 57
+)
+ONE_UNIT_NOISE_RATIO = 4.0  # and up to which it has one
+OTHER_RUNS_REACH = 2.0  # times as far as the other runs go, in radians: more is no motion of the same joint
 
 
 def decided(findings: Sequence[Finding], data: MeasuredSet) -> list[Finding]:
-    """Findings of runs with those of :data:`ONCE` decided for the machine, by the samples that speak for either side.
+    """Findings of runs with those of :data:`DECIDED_ONCE` decided for the machine, by the samples for either side.
 
     A sample speaks where the joint moves and its drive is on; what the majority of them says holds for all runs.
     """
@@ -49,8 +51,8 @@ def decided(findings: Sequence[Finding], data: MeasuredSet) -> list[Finding]:
         for name in dict.fromkeys(name for weight in weights for name in weight)
     }
     names = [run.name for run in data.runs]
-    kept = [f for f in findings if f.code not in ONCE]
-    for fault in dict.fromkeys(f.fault for f in findings if f.code in ONCE):
+    kept = [f for f in findings if f.code not in DECIDED_ONCE]
+    for fault in dict.fromkeys(f.fault for f in findings if f.code in DECIDED_ONCE):
         same = [f for f in findings if f.fault == fault]
         if any(f.run is None or f.run not in names for f in same):  # decided before, or of a file these are windows of
             kept += same
@@ -83,7 +85,7 @@ def _odd_units(contexts: Sequence[dict[str, JointContext]], findings: Sequence[F
     found: list[Finding] = []
     for name in dict.fromkeys(name for joints in contexts for name in joints):
         same = [joints[name] for joints in contexts if name in joints and not joints[name].still]
-        for signal in ANGLES:
+        for signal in ANGLE_SIGNALS:
             column = same[0].column(signal) if same else ""
             flagged = {f.run for f in findings if f.code == "unit.degrees" and f.column == column}
             if None in flagged:
@@ -96,8 +98,8 @@ def _odd_units(contexts: Sequence[dict[str, JointContext]], findings: Sequence[F
                 Finding(
                     "unit.degrees", "error", name, column,
                     f"{column} is in degrees in {joint.run.name} and in radians in other runs: its noise is "
-                    f"{DEGREES:.3g} times theirs or so; multiply it by pi/180.",
-                    value=DEGREES, data_error=True, run=joint.run.name,
+                    f"{DEGREES_PER_RADIAN:.3g} times theirs or so; multiply it by pi/180.",
+                    value=DEGREES_PER_RADIAN, data_error=True, run=joint.run.name,
                 )
                 for joint in odd
             ]  # fmt: skip
@@ -114,16 +116,16 @@ def _degrees(joint: JointContext, every: Sequence[JointContext], flagged: set[st
         if not alike and not nearer(joint.log.position, goal):
             return False
     if in_degrees and noise > 0.0:
-        return 1.0 / ALIKE < noise / float(np.median(in_degrees)) < ALIKE
+        return 1.0 / ONE_UNIT_NOISE_RATIO < noise / float(np.median(in_degrees)) < ONE_UNIT_NOISE_RATIO
     others = [other for other in every if other is not joint and other.run.name not in flagged]
     reach = float(np.abs(getattr(joint.log, signal)).max())
     theirs = [float(np.abs(getattr(other.log, signal)).max()) for other in others]
-    if not others or reach / DEGREES > REACH * max(theirs) or reach < LARGEST_ANGLE:
+    if not others or reach / DEGREES_PER_RADIAN > OTHER_RUNS_REACH * max(theirs) or reach < MAX_STOPPED_ANGLE:
         return False
     usual = float(np.median([_noise(other) for other in others]))
     if usual <= 0.0 or noise <= 0.0:
-        return reach > APART * max(theirs)
-    return noise > APART * usual and reach > REACH * max(theirs)
+        return reach > TWO_UNITS_NOISE_RATIO * max(theirs)
+    return noise > TWO_UNITS_NOISE_RATIO * usual and reach > OTHER_RUNS_REACH * max(theirs)
 
 
 def _noise(joint: JointContext) -> float:

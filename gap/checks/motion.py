@@ -11,19 +11,19 @@ from ..log.finding import Finding, Severity
 from .context import JointContext
 from .lengths import check_lengths
 
-DEGREES = 180.0 / np.pi
-TURN = 2.0 * np.pi
-MOVES = 0.02  # [rad] that a goal must move for the way of its joint to tell a unit
-ALIKE = 5.0  # times as far as its goal, or as little, that a joint may move for its direction to be told
-FASTEST_SERVO = 60.0
+DEGREES_PER_RADIAN = 180.0 / np.pi
+FULL_TURN = 2.0 * np.pi
+MIN_GOAL_MOTION = 0.02  # [rad] that a goal must move for the way of its joint to tell a unit
+DIRECTION_WAY_RATIO = 5.0  # times as far as its goal, or as little, that a joint may move for its direction to be told
+MAX_GEARED_SPEED = 60.0
 """Speed [rad/s] that no geared joint reaches; a motor without a gear does."""
-BY_ITS_LOAD = 2.0
+OVERRUN_SPEED_RATIO = 2.0
 """Times its no-load speed that a joint may turn: its load drives it, and the numbers of its motor are off."""
-RATES = (1.0, DEGREES, 60.0 / TURN)
+VELOCITY_UNITS = (1.0, DEGREES_PER_RADIAN, 60.0 / FULL_TURN)
 """Times the derivative of a position in rad that a velocity is: in rad/s, degrees per second, revolutions a minute."""
-NEAR = 0.5
+WHOLE_TURN_MARGIN = 0.5
 """Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
-LARGEST_ANGLE = 10.0
+MAX_STOPPED_ANGLE = 10.0
 """Angle [rad] that a joint with end stops does not reach."""
 
 
@@ -75,7 +75,7 @@ def _ticks(joint: JointContext) -> Iterator[Finding]:
         span, reach = float(np.ptp(values)), float(np.abs(values).max())
         moved = float(np.ptp(other)) if other is not None and np.isfinite(other).all() else 0.0
         ratio = span / moved if moved > 0.0 else 1.0
-        if ratio > 2.0 * DEGREES or (reach > 360.0 and ratio < 0.3 * DEGREES):
+        if ratio > 2.0 * DEGREES_PER_RADIAN or (reach > 360.0 and ratio < 0.3 * DEGREES_PER_RADIAN):
             column = joint.column(signal)
             yield Finding(
                 "unit.ticks", "error", joint.name, column,
@@ -94,8 +94,8 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
         change = np.diff(values)
         length = np.abs(change)
         usual, slow = np.quantile(length, (0.99, 0.9))
-        whole = (np.abs(length / TURN - 1.0) < 0.2) & (length > 12.0 * slow)  # however often
-        one_turn = np.ptp(values) < 1.1 * TURN  # in degrees it would be a lot more
+        whole = (np.abs(length / FULL_TURN - 1.0) < 0.2) & (length > 12.0 * slow)  # however often
+        one_turn = np.ptp(values) < 1.1 * FULL_TURN  # in degrees it would be a lot more
         jumps = np.flatnonzero(((length > 1.0) & (length > 12.0 * usual)) | (whole & one_turn))
         if not len(jumps):
             yield from _other_turn(joint, signal)
@@ -113,7 +113,7 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
                 "remove these samples.",
             )  # fmt: skip
         else:
-            turns = " (one turn)" if abs(size / TURN - 1) < 0.05 else ""
+            turns = " (one turn)" if abs(size / FULL_TURN - 1) < 0.05 else ""
             yield _misread(
                 joint, signal, "wrap", size,
                 f"jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
@@ -124,14 +124,14 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
 def _goal_wraps(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
     """Goals that jump by a turn where the joint goes on, as a joint without end is told to."""
     position = joint.log.position
-    jumps = int((np.abs(np.abs(np.diff(goal)) / TURN - 1.0) < 0.2).sum())
-    if not jumps or np.ptp(goal) > 1.1 * TURN or not (np.isfinite(goal).all() and np.isfinite(position).all()):
+    jumps = int((np.abs(np.abs(np.diff(goal)) / FULL_TURN - 1.0) < 0.2).sum())
+    if not jumps or np.ptp(goal) > 1.1 * FULL_TURN or not (np.isfinite(goal).all() and np.isfinite(position).all()):
         return
     whole = unwrapped(position)
     as_it_is, without = (_apart(values, whole) for values in (goal, unwrapped(goal)))
     if without < 0.5 * as_it_is:
         yield _misread(
-            joint, "goal", "wrap", TURN,
+            joint, "goal", "wrap", FULL_TURN,
             f"jumps by a turn between neighbouring samples {jumps} time{'s' * (jumps > 1)} where the joint goes on: "
             "goals wrap around; unwrap the column.",
         )  # fmt: skip
@@ -139,10 +139,10 @@ def _goal_wraps(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
 
 def unwrapped(angle: np.ndarray) -> np.ndarray:
     """An angle without jumps of about a turn; shorter ones are steps."""
-    return np.unwrap(angle, discont=0.8 * TURN)
+    return np.unwrap(angle, discont=0.8 * FULL_TURN)
 
 
-def on_turn_of(angle: np.ndarray, other: np.ndarray, period: float = TURN) -> np.ndarray:
+def on_turn_of(angle: np.ndarray, other: np.ndarray, period: float = FULL_TURN) -> np.ndarray:
     """An angle on the turn of another one that goes with it."""
     return angle - period * np.round(np.median(angle - other) / period)
 
@@ -158,11 +158,11 @@ def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:
     values, other = getattr(joint.log, signal), getattr(joint.log, followed)
     if other is None or not joint.radians or not np.isfinite(other).all():
         return
-    turns = round(float(np.median(values - other)) / TURN)
-    alike = np.ptp(values) < np.ptp(other) + 2.0 * NEAR  # neither is in degrees
-    if turns and alike and float(np.median(np.abs(values - other - turns * TURN))) < NEAR:
+    turns = round(float(np.median(values - other)) / FULL_TURN)
+    alike = np.ptp(values) < np.ptp(other) + 2.0 * WHOLE_TURN_MARGIN  # neither is in degrees
+    if turns and alike and float(np.median(np.abs(values - other - turns * FULL_TURN))) < WHOLE_TURN_MARGIN:
         yield _misread(
-            joint, signal, "wrap", TURN,
+            joint, signal, "wrap", FULL_TURN,
             f"lies {abs(turns)} whole turn{'s' * (abs(turns) > 1)} from {joint.column(followed)}: the encoder wrapped "
             "around before the log began; subtract the turns.",
         )  # fmt: skip
@@ -188,9 +188,9 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
         speed = float(np.quantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.95))
         if 8 <= bits <= 24 and abs(bits - round(bits)) < 1e-3:
             wrong[signal] = f"its step of {step:.4g} is a whole turn of 360 divided by {round(per_turn)}"
-        elif signal == "position" and np.abs(values).max() > LARGEST_ANGLE and speed > FASTEST_SERVO / 3.0:
+        elif signal == "position" and np.abs(values).max() > MAX_STOPPED_ANGLE and speed > MAX_GEARED_SPEED / 3.0:
             top = float(np.quantile(np.abs(joint.velocity), 0.995))
-            if top > FASTEST_SERVO:
+            if top > MAX_GEARED_SPEED:
                 _told_by_speed(joint, signal, f"{np.abs(values).max():.3g} at {top:.3g} per second", top, wrong, fast)
     for signal, values in (("position", position), ("goal", goal)):
         if values is not None and signal not in wrong and (reason := _beyond_degrees(joint, values)):
@@ -198,28 +198,36 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
     if goal is not None and np.ptp(goal) > 0:
         ratio = float(np.ptp(position) / np.ptp(goal))
         size = float(np.quantile(np.abs(goal), 0.98)), float(np.quantile(np.abs(position), 0.98))
-        if 0.3 * DEGREES < ratio < 2.0 * DEGREES and np.ptp(goal) > MOVES and nearer(position, goal):
+        if (
+            0.3 * DEGREES_PER_RADIAN < ratio < 2.0 * DEGREES_PER_RADIAN
+            and np.ptp(goal) > MIN_GOAL_MOTION
+            and nearer(position, goal)
+        ):
             wrong["position"] = f"it moves {ratio:.3g} times as far as the goal"
             wrong.pop("goal", None)
-        elif 0.5 / DEGREES < ratio < 2.0 / DEGREES and size[0] > LARGEST_ANGLE * 0.5:
+        elif 0.5 / DEGREES_PER_RADIAN < ratio < 2.0 / DEGREES_PER_RADIAN and size[0] > MAX_STOPPED_ANGLE * 0.5:
             wrong["goal"] = f"it moves {1 / ratio:.3g} times as far as the position"
             wrong.pop("position", None)
         elif "position" in wrong:
             wrong["goal"] = "it moves as far as the position"
-        elif np.abs(goal).max() > LARGEST_ANGLE and (speed := _slope_speed(joint, goal)) > FASTEST_SERVO:
+        elif np.abs(goal).max() > MAX_STOPPED_ANGLE and (speed := _slope_speed(joint, goal)) > MAX_GEARED_SPEED:
             _told_by_speed(joint, "goal", f"{np.abs(goal).max():.3g}", speed, wrong, fast)
     link = joint.log.link_position
     if link is not None and np.isfinite(link).any():
         ratio = float((np.nanmax(link) - np.nanmin(link)) / np.ptp(position))
         if "position" in wrong and 0.3 < ratio < 2.0:
             wrong["link_position"] = "it moves as far as the position"
-        elif "position" not in wrong and 0.3 * DEGREES < ratio < 2.0 * DEGREES and np.ptp(position) > MOVES:
+        elif (
+            "position" not in wrong
+            and 0.3 * DEGREES_PER_RADIAN < ratio < 2.0 * DEGREES_PER_RADIAN
+            and np.ptp(position) > MIN_GOAL_MOTION
+        ):
             wrong["link_position"] = f"it moves {ratio:.3g} times as far as the position"
     for signal, reason in wrong.items():
         yield Finding(
             "unit.degrees", "error", joint.name, joint.column(signal),
             f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
-            value=DEGREES, data_error=True,
+            value=DEGREES_PER_RADIAN, data_error=True,
         )  # fmt: skip
     for signal, doubt in fast.items():
         if wrong or (signal == "goal" and "position" in fast):
@@ -240,7 +248,7 @@ def _told_by_speed(
     stated = not units.keys().isdisjoint((joint.column(signal), signal, joint.column("position"), "position"))
     free = None if joint.chain is None else no_load_speed(joint.chain)
     why = ""
-    if free is not None and speed <= BY_ITS_LOAD * free:
+    if free is not None and speed <= OVERRUN_SPEED_RATIO * free:
         why = f"its motor turns {free:.3g} rad/s without a load"
     elif free is None and (stated or _goes_with_velocity(joint)):
         why = "its velocity goes with it"
@@ -273,20 +281,20 @@ def _goes_with_velocity(joint: JointContext) -> bool:
     if float(np.corrcoef(logged, derived)[0, 1]) < 0.9:
         return False
     ratio = float(np.std(logged) / np.std(derived))
-    return any(abs(ratio / rate - 1.0) < 0.15 for rate in RATES)
+    return any(abs(ratio / rate - 1.0) < 0.15 for rate in VELOCITY_UNITS)
 
 
 def nearer(position: np.ndarray, goal: np.ndarray) -> bool:
     """Whether a position is nearer to its goal once it is taken as degrees: a joint that is held only shakes more."""
-    return float(np.median(np.abs(position / DEGREES - goal))) < float(np.median(np.abs(position - goal)))
+    return float(np.median(np.abs(position / DEGREES_PER_RADIAN - goal))) < float(np.median(np.abs(position - goal)))
 
 
 def _beyond_degrees(joint: JointContext, values: np.ndarray) -> str:
     """Why a column that no joint of the model could go through is in degrees; empty where it is not so."""
     way = float(np.ptp(np.nanquantile(values, (0.01, 0.99))))
-    if joint.reach is None or not np.isfinite(way) or way < 2.0 * joint.reach + TURN:
+    if joint.reach is None or not np.isfinite(way) or way < 2.0 * joint.reach + FULL_TURN:
         return ""  # a wrong zero is no wrong unit
-    fits = way / DEGREES <= 2.0 * joint.reach
+    fits = way / DEGREES_PER_RADIAN <= 2.0 * joint.reach
     return f"it goes over {way:.3g}, and the joint of the model reaches {joint.reach:.3g} rad" if fits else ""
 
 
@@ -326,7 +334,7 @@ def _sign(
     if np.ptp(other[on]) == 0.0 or np.ptp(values[on]) == 0.0:
         return
     ways = float(np.ptp(values[on]) / np.ptp(other[on]))
-    if not 1.0 / ALIKE < ways < ALIKE:
+    if not 1.0 / DIRECTION_WAY_RATIO < ways < DIRECTION_WAY_RATIO:
         return  # a joint that is held, and that its load moves
     correlation = float(np.corrcoef(other[on], values[on])[0, 1])
     turned = float(np.median(np.abs(-values[on] - other[on]))) < float(np.median(np.abs(values[on] - other[on])))

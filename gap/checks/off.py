@@ -17,10 +17,10 @@ from ..log.stretches import stretches
 from ..log.types import MeasuredSet
 from .context import JointContext, joint_contexts
 
-SHORTEST = 0.3  # [s] a drive that is on may do nothing for a while: a dead band, a reversal
-NOTHING = 0.01  # of the largest effort of the machine, up to which an effort is none
-FAR = 1.5  # times the error at which the drive typically works, from which one that does nothing is off
-OFTEN = 0.3  # of a stretch without effort in which the goal must be that far away
+MIN_OFF_SECONDS = 0.3  # [s] a drive that is on may do nothing for a while: a dead band, a reversal
+NO_EFFORT_SHARE = 0.01  # of the largest effort of the machine, up to which an effort is none
+OFF_ERROR_RATIO = 1.5  # times the error at which the drive typically works, from which one that does nothing is off
+FAR_GOAL_SHARE = 0.3  # of a stretch without effort in which the goal must be that far away
 
 
 def released(data: MeasuredSet) -> tuple[MeasuredSet, list[Finding]]:
@@ -72,13 +72,13 @@ def looks_off(joints: Sequence[JointContext]) -> list[np.ndarray | None]:
         if goal is None or effort is None:
             continue
         away[k] = np.abs(goal - joints[k].log.position)
-        idle[k] = np.abs(np.nan_to_num(effort, nan=np.inf)) <= NOTHING * largest
+        idle[k] = np.abs(np.nan_to_num(effort, nan=np.inf)) <= NO_EFFORT_SHARE * largest
     if not away or largest == 0.0:
         return found
     working = np.concatenate([away[k][~idle[k]] for k in away])
     if len(working) < 100:
         return found
-    far = FAR * float(np.median(working))
+    far = OFF_ERROR_RATIO * float(np.median(working))
     for k in away:
         found[k] = _stretches(joints[k].time, idle[k], away[k] > far)
     return found
@@ -95,6 +95,6 @@ def _stretches(time: np.ndarray, idle: np.ndarray, far: np.ndarray) -> np.ndarra
     """Samples (n,) of the long stretches without effort in which the goal is mostly far away."""
     off = np.zeros(len(time), bool)
     for a, b in stretches(idle):
-        if time[b - 1] - time[a] >= SHORTEST and far[a:b].mean() > OFTEN:
+        if time[b - 1] - time[a] >= MIN_OFF_SECONDS and far[a:b].mean() > FAR_GOAL_SHARE:
             off[a:b] = True
     return off

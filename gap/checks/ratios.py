@@ -8,16 +8,16 @@ from dataclasses import replace
 
 from ..log.finding import Finding
 
-VELOCITY = ("unit.velocity", "velocity.gear_side")
-TORQUE = "torque.gear_side"
-SAME = 0.08
+VELOCITY_RATIOS = ("unit.velocity", "velocity.gear_side")
+TORQUE_RATIO = "torque.gear_side"
+SAME_RATIO_TOLERANCE = 0.08
 """Relative difference up to which two ratios may be one: of a scale with some percent of error each."""
 
 
 def together(findings: Sequence[Finding]) -> list[Finding]:
     """Findings of which those on one gear say so: both readings are told where both fit."""
-    torques = {f.joint: f for f in findings if f.code == TORQUE and f.value}
-    measured = (f for f in findings if f.code in VELOCITY and not (f.column or "").endswith(".goal_velocity"))
+    torques = {f.joint: f for f in findings if f.code == TORQUE_RATIO and f.value}
+    measured = (f for f in findings if f.code in VELOCITY_RATIOS and not (f.column or "").endswith(".goal_velocity"))
     speeds = {f.joint: f for f in measured if f.value}
     found = []
     for finding in findings:
@@ -41,4 +41,4 @@ def _size(finding: Finding) -> float:
 
 
 def _one_gear(torque: Finding, speed: Finding) -> bool:
-    return abs(math.log(_size(torque) / _size(speed))) < SAME
+    return abs(math.log(_size(torque) / _size(speed))) < SAME_RATIO_TOLERANCE

@@ -17,21 +17,23 @@ from ..log.types import Array
 from .context import JointContext
 from .signal import derivatives, quantisation_step
 
-READ = ("position", "velocity", "link_position", "duty", "current", "torque")
+READ_COLUMNS = ("position", "velocity", "link_position", "duty", "current", "torque")
 """Columns that a host reads in every cycle; temperature and voltage are polled less often."""
-MOST_HELD = 8  # rows that a column may hold a value for; more is a column of its own rate
-MOST_KNOTS = 25  # rows between two goals that were joined by a line
-REGULAR = 0.95  # share of the stretches that must be whole multiples
-MOST_ROWS = 12_000  # of a run that the duty is followed over: more tell no more
-FEWEST = 40  # stretches from which a rule can be told
-REACH = 0.02  # [s] by which a position may be late, or columns early
-GOAL_REACH = 0.06  # [s] by which the goal may act late
-FOLLOWS = 0.9  # share of the duty's variance that goal and position must explain
-HALVED = 0.5  # of the squared error, from which another row is meant
-MOMENT = 2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
-KNOWN = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
-STAMP_NOISE = 0.03  # of the period: jitter of the stamps from which it is worth a word
-QUIETER = 0.7  # of the noise at speed that a regular clock must leave
+MAX_HELD_ROWS = 8  # rows that a column may hold a value for; more is a column of its own rate
+MAX_KNOT_ROWS = 25  # rows between two goals that were joined by a line
+REGULAR_STRETCH_SHARE = 0.95  # share of the stretches that must be whole multiples
+MAX_DUTY_ROWS = 12_000  # of a run that the duty is followed over: more tell no more
+MIN_STRETCHES = 40  # stretches from which a rule can be told
+READING_REACH = 0.02  # [s] by which a position may be late, or columns early
+GOAL_LAG_REACH = 0.06  # [s] by which the goal may act late
+DUTY_VARIANCE_SHARE = 0.9  # share of the duty's variance that goal and position must explain
+OTHER_ROW_ERROR_RATIO = 0.5  # of the squared error, from which another row is meant
+DRIVE_LOOP_PERIOD = (
+    2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
+)
+DELAY_TOLERANCE = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
+STAMP_JITTER_SHARE = 0.03  # of the period: jitter of the stamps from which it is worth a word
+REGULAR_CLOCK_NOISE_RATIO = 0.7  # of the noise at speed that a regular clock must leave
 
 
 def check_recording(joint: JointContext) -> Iterator[Finding]:
@@ -45,7 +47,7 @@ def check_recording(joint: JointContext) -> Iterator[Finding]:
 
 
 def _held(joint: JointContext) -> Iterator[Finding]:
-    for signal in READ:
+    for signal in READ_COLUMNS:
         values = getattr(joint.log, signal)
         if values is None or not np.isfinite(values).all() or (rows := held_rows(values, joint.moving)) < 2:
             continue
@@ -61,19 +63,19 @@ def _held(joint: JointContext) -> Iterator[Finding]:
 def held_rows(values: Array, moving: np.ndarray) -> int:
     """For how many rows a column (n,) holds each value while the joint is ``moving`` (n,): 1 where it does not."""
     change = np.flatnonzero(np.diff(values) != 0.0) + 1
-    if len(change) < FEWEST:
+    if len(change) < MIN_STRETCHES:
         return 1
     lengths = np.diff(change)[moving[change[1:]]]
-    return _common(lengths, MOST_HELD)
+    return _common(lengths, MAX_HELD_ROWS)
 
 
 def _common(lengths: np.ndarray, most: int) -> int:
     """The largest number of rows that nearly all stretches are whole multiples of; 1 where there is none."""
-    if len(lengths) < FEWEST:
+    if len(lengths) < MIN_STRETCHES:
         return 1
     for rows in range(most, 1, -1):
         # the number itself must be there: stretches of 4 and 8 rows are no stretches of 2
-        if (lengths % rows == 0).mean() > REGULAR and (lengths == rows).mean() > 0.3:
+        if (lengths % rows == 0).mean() > REGULAR_STRETCH_SHARE and (lengths == rows).mean() > 0.3:
             return rows
     return 1
 
@@ -130,7 +132,7 @@ def knot_rows(time: Array, goal: Array) -> int:
     slope = np.diff(goal) / np.diff(time)
     least = 1e-6 * np.ptp(goal) + 1.01 * quantisation_step(goal)
     bends = np.flatnonzero(np.abs(np.diff(slope)) * np.median(np.diff(time)) > least) + 1
-    return _common(np.diff(bends), MOST_KNOTS)
+    return _common(np.diff(bends), MAX_KNOT_ROWS)
 
 
 def held_again(goal: Array, rows: int) -> Array:
@@ -148,11 +150,11 @@ def _follows_held(joint: JointContext, goal: Array, rows: int) -> bool | None:
     if duty is None:
         return None
     logged, held = (following(joint, duty, values) for values in (goal, held_again(goal, rows)))
-    if logged is None or held is None or max(logged.explained, held.explained) < FOLLOWS:
+    if logged is None or held is None or max(logged.explained, held.explained) < DUTY_VARIANCE_SHARE:
         return None
-    if held.error < HALVED * logged.error:
+    if held.error < OTHER_ROW_ERROR_RATIO * logged.error:
         return True
-    return False if logged.error < HALVED * held.error else None
+    return False if logged.error < OTHER_ROW_ERROR_RATIO * held.error else None
 
 
 # --- rows of a log that are of different times ---------------------------------------------------------------------
@@ -199,7 +201,7 @@ def following(joint: JointContext, duty: Array, goal: Array) -> Following | None
 
     A position loop answers to the position at the time, so the row that it answers to is of the same time.
     """
-    reach, most = max(round(REACH / joint.period), 1), max(round(GOAL_REACH / joint.period), 2)
+    reach, most = max(round(READING_REACH / joint.period), 1), max(round(GOAL_LAG_REACH / joint.period), 2)
     reach, most = min(reach, 6), min(most, 16)
     count = len(duty)
     at = np.arange(most + reach, count - reach)
@@ -207,7 +209,7 @@ def following(joint: JointContext, duty: Array, goal: Array) -> Following | None
     at = at[good]
     if len(at) < 200:
         return None
-    at = at[:: -(-len(at) // MOST_ROWS)]
+    at = at[:: -(-len(at) // MAX_DUTY_ROWS)]
     wanted = duty[at]
     total = _trimmed((wanted - wanted.mean()) ** 2)
     best: tuple[float, int, int] = (np.inf, 0, 0)
@@ -236,7 +238,9 @@ def a_moment_tells(time: Array, delay: float) -> bool:
 
     Where the tolerance of the delay does the same, that may be all there is.
     """
-    now, tuned, before = (_rows_late(time, s) for s in (delay, (1.0 + KNOWN) * delay, delay + MOMENT))
+    now, tuned, before = (
+        _rows_late(time, s) for s in (delay, (1.0 + DELAY_TOLERANCE) * delay, delay + DRIVE_LOOP_PERIOD)
+    )
     return before == now + 1 and tuned == now
 
 
@@ -267,11 +271,11 @@ def _rows(joint: JointContext) -> Iterator[Finding]:
     if duty is None or joint.log.goal is None:
         return
     seen = following(joint, duty, joint.log.goal)
-    if seen is None or seen.explained < FOLLOWS:
+    if seen is None or seen.explained < DUTY_VARIANCE_SHARE:
         return
     if seen.rows == 0 and _before_goal(joint, seen.goal_rows):
         yield before_goal_note(joint.name, "current" if joint.log.duty is None else "duty", joint.period)
-    if seen.rows == 0 or seen.error > HALVED * seen.error_now:
+    if seen.rows == 0 or seen.error > OTHER_ROW_ERROR_RATIO * seen.error_now:
         return
     seconds = abs(seen.rows) * joint.period
     if seen.rows < 0:
@@ -306,13 +310,13 @@ def check_stamps(joint: JointContext) -> Iterator[Finding]:
         return
     late = joint.time - grid
     jitter = float(np.std(late))
-    if jitter < STAMP_NOISE * joint.period:
+    if jitter < STAMP_JITTER_SHARE * joint.period:
         return
     fast = np.abs(joint.velocity) > np.quantile(np.abs(joint.velocity), 0.8)
     if fast.sum() < 200:
         return
     stamped, even = (_roughness(time, joint.log.position, fast) for time in (joint.time, grid))
-    if even < QUIETER * stamped:
+    if even < REGULAR_CLOCK_NOISE_RATIO * stamped:
         yield Finding(
             "clock.late_stamps", "warning", None, "time",
             f"Time stamps jitter by {1e3 * jitter:.2g} ms (up to {1e3 * np.ptp(late):.2g} ms late), the readings do "

@@ -17,8 +17,8 @@ LAG_REACH = 0.06
 """Largest delay or advance of a column that is looked for [s]."""
 LAG_BLOCKS = 24
 LAG_DRAWS = 300
-FEWEST = 20  # samples of a piece from which its noise can be told
-_BLOCK = 1 << 15
+MIN_NOISE_SAMPLES = 20  # samples of a piece from which its noise can be told
+_BLOCK_SAMPLES = 1 << 15
 
 
 def quantisation_step(values: Array) -> float:
@@ -50,8 +50,8 @@ def derivatives(time: Array, values: Array, window: float = DERIVATIVE_WINDOW) -
     scale = half * period
     out = np.empty((3, len(time)))
     windows_t, windows_x = sliding_window_view(time, width), sliding_window_view(values, width)
-    for start in range(0, len(windows_t), _BLOCK):
-        part = slice(start, start + _BLOCK)
+    for start in range(0, len(windows_t), _BLOCK_SAMPLES):
+        part = slice(start, start + _BLOCK_SAMPLES)
         centre = time[half : len(time) - half][part]
         fit = _local_fit((windows_t[part] - centre[:, None]) / scale, windows_x[part], order)
         out[:, half + start : half + start + len(centre)] = fit[:, :3].T
@@ -69,8 +69,8 @@ def _local_fit(t: Array, x: Array, order: int) -> Array:
     return fit if order >= 2 else np.pad(fit, ((0, 0), (0, 2 - order)))
 
 
-NORMAL = 1.4826  # standard deviation of normal noise over the median of its size
-CENTRE = {3: 0.567, 4: 0.417}
+NORMAL_OVER_MEDIAN = 1.4826  # standard deviation of normal noise over the median of its size
+CENTRE_WEIGHTS = {3: 0.567, 4: 0.417}
 """Weight of the middle sample in the local fit to it and so many neighbours on each side: the fit follows that part."""
 
 
@@ -79,7 +79,7 @@ def high_frequency_noise(time: Array, values: Array, *, half: int = 4, jumps: bo
 
     Args:
         time, values: of the column (n,).
-        half: neighbours on either side that the polynomial is fitted to, of :data:`CENTRE`.
+        half: neighbours on either side that the polynomial is fitted to, of :data:`CENTRE_WEIGHTS`.
         jumps: whether the column jumps often, as a height does on impacts: the median counts then.
     """
     if len(values) < 16:
@@ -90,10 +90,10 @@ def high_frequency_noise(time: Array, values: Array, *, half: int = 4, jumps: bo
     moving = np.abs(values[2 * half :] - values[: -2 * half]) > 0
     residual = residual[moving] if moving.sum() > 50 else residual
     if jumps:
-        return NORMAL * float(np.median(np.abs(residual))) / float(np.sqrt(1.0 - CENTRE[half]))
+        return NORMAL_OVER_MEDIAN * float(np.median(np.abs(residual))) / float(np.sqrt(1.0 - CENTRE_WEIGHTS[half]))
     # trimmed: impacts and reversals are no noise
     residual = residual[np.abs(residual) <= np.quantile(np.abs(residual), 0.99)]
-    return float(np.sqrt(np.mean(residual**2) / (1.0 - CENTRE[half])))
+    return float(np.sqrt(np.mean(residual**2) / (1.0 - CENTRE_WEIGHTS[half])))
 
 
 def sample_noise(time: Array, values: Array, *, half: int = 4, jumps: bool = False) -> float:
@@ -116,7 +116,7 @@ def typical_noise(time: Array, values: Array, starts: np.ndarray) -> float:
     noises = []
     for a, b in itertools.pairwise(starts):
         good = np.isfinite(values[a:b])
-        if good.sum() > FEWEST:
+        if good.sum() > MIN_NOISE_SAMPLES:
             noises.append(sample_noise(time[a:b][good], values[a:b][good]))
     return float(max(np.median(noises), 1e-9)) if noises else 1e-9
 

@@ -15,12 +15,12 @@ from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .context import JointContext, joint_contexts
 
-PUSHED = 0.05  # [rad] that the goal must go beyond a stop: less may be friction or gravity under a soft controller
-VARIED = 0.03  # [rad] over which the goal must vary meanwhile
-GIVES = 0.15  # change of the angle over that of the goal: a joint that is free follows with about 1
-STAYS = 0.3  # [s] against the stop, in all
-NEAR = 0.01  # of the range of motion that counts as at its end
-FREE = 0.5  # the same ratio that the joint must show elsewhere for its not following to mean anything
+STOP_PUSH = 0.05  # [rad] that the goal must go beyond a stop: less may be friction or gravity under a soft controller
+STOP_GOAL_SPAN = 0.03  # [rad] over which the goal must vary meanwhile
+STOP_FOLLOWING = 0.15  # change of the angle over that of the goal: a joint that is free follows with about 1
+STOP_SECONDS = 0.3  # [s] against the stop, in all
+STOP_NEAR_SHARE = 0.01  # of the range of motion that counts as at its end
+FREE_FOLLOWING = 0.5  # the same ratio that the joint must show elsewhere for its not following to mean anything
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,15 @@ def _stop(
     if len(position) < 100:
         return None
     top, span = float(np.quantile(position, 0.999)), float(np.ptp(position))
-    near = position > top - max(6.0 * noise, NEAR * span)
-    against = near & slow & (goal > position + PUSHED * reach)
-    if period[against].sum() < STAYS or np.ptp(goal[against]) < VARIED * reach:
+    near = position > top - max(6.0 * noise, STOP_NEAR_SHARE * span)
+    against = near & slow & (goal > position + STOP_PUSH * reach)
+    if period[against].sum() < STOP_SECONDS or np.ptp(goal[against]) < STOP_GOAL_SPAN * reach:
         return None
     elsewhere = slow & ~near
-    if follows(goal[against], position[against]) > GIVES or follows(goal[elsewhere], position[elsewhere]) < FREE:
+    if (
+        follows(goal[against], position[against]) > STOP_FOLLOWING
+        or follows(goal[elsewhere], position[elsewhere]) < FREE_FOLLOWING
+    ):
         return None
     angle = float(np.median(position[against]))
     return Stop(angle, 1, float(np.max(goal[against])) - angle, float(period[against].sum()))

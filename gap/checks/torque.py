@@ -13,11 +13,11 @@ from ..log.types import Array
 from .context import JointContext
 from .torque_balance import Shift, TorqueBalance, shifted_balance
 
-TOLERANCE = 0.004
+MIN_TORQUE_SHIFT = 0.004
 """Least shift between torque and motion that is worth a word [s]."""
-EXPLAINED = 0.5
+MIN_TORQUE_VARIANCE_SHARE = 0.5
 """Least share of the torque's variance that motion and load must explain before a column is judged by them."""
-RIGHT = (0.6, 1.67)
+TORQUE_RATIO_RANGE = (0.6, 1.67)
 """Ratio of logged to needed torque that wrong numbers of the load may make."""
 
 
@@ -39,7 +39,9 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     if found is None:
         return
     balance, shift = found
-    if balance.r2(shift.index) < EXPLAINED or not balance.terms[:, :2].any():  # an empty shaft needs nothing
+    if (
+        balance.r2(shift.index) < MIN_TORQUE_VARIANCE_SHARE or not balance.terms[:, :2].any()
+    ):  # an empty shaft needs nothing
         return
     name, column = joints[0].name, joints[0].column("torque")
     armature, friction = _inside(balance, joints)
@@ -50,7 +52,7 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     ratio, spread = _ratio(balance, shift, needed)
     if shift.least:
         pass  # further apart than any shift that was tried: their ratio says nothing
-    elif not RIGHT[0] < abs(ratio) < RIGHT[1]:
+    elif not TORQUE_RATIO_RANGE[0] < abs(ratio) < TORQUE_RATIO_RANGE[1]:
         gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
         yield Finding(
@@ -66,7 +68,7 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
             f"{column} has the wrong sign: it is {ratio:.3g} times what the motion needs.",
             value=ratio, data_error=True, run=run,
         )  # fmt: skip
-    if abs(shift.seconds) > TOLERANCE and shift.low * shift.high > 0:
+    if abs(shift.seconds) > MIN_TORQUE_SHIFT and shift.low * shift.high > 0:
         yield _shift_finding(name, column, balance, shift, run)
 
 

@@ -15,20 +15,28 @@ import numpy as np
 from ..log.types import Array
 from .bootstrap import block_weights
 
-STEP = 1e-3  # [s] grid that logs are brought to
-WINDOW = 0.12  # [s] of the weak form: short against the motion, long against the noise of positions
-REACHES = (0.04, 0.1, 0.2)
+GRID_STEP = 1e-3  # [s] grid that logs are brought to
+WEAK_FORM_WINDOW = 0.12  # [s] of the weak form: short against the motion, long against the noise of positions
+SHIFT_REACHES = (0.04, 0.1, 0.2)
 """Largest shifts tried [s]: a further one only where the best lies at the end of the last. In a wide range alone, the
 next swing of a periodic motion may fit better than the true shift; buffers of more than 0.2 s are assumed away."""
-BLOCK = 0.5  # [s] errors closer than this are taken as one observation
-SLIP = 0.05  # [rad/s] over which dry friction turns around
-DRAWS = 300
-SYSTEMATIC = 2e-3
+ERROR_BLOCK = 0.5  # [s] errors closer than this are taken as one observation
+REVERSAL_SPEED = 0.05  # [rad/s] over which dry friction turns around
+SHIFT_DRAWS = 300
+SHIFT_BIAS = 2e-3
 """What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
-FURTHEST = REACHES[-1] + SYSTEMATIC  # [s] end of the interval of any shift that was measured
-GAP = 0.03  # [s] without torque, or without any sample, that a straight line bridges: a quarter of the window
-EVERY = 5  # grid points between two rows: neighbours within the window say the same
-TERMS = ("inertia [believed]", "gravity torque [believed]", "coulomb [N.m]", "viscous [N.m.s/rad]", "offset [N.m]")
+MAX_SHIFT = SHIFT_REACHES[-1] + SHIFT_BIAS  # [s] end of the interval of any shift that was measured
+MAX_BRIDGED_GAP = (
+    0.03  # [s] without torque, or without any sample, that a straight line bridges: a quarter of the window
+)
+ROW_STRIDE = 5  # grid points between two rows: neighbours within the window say the same
+BALANCE_TERMS = (
+    "inertia [believed]",
+    "gravity torque [believed]",
+    "coulomb [N.m]",
+    "viscous [N.m.s/rad]",
+    "offset [N.m]",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +69,7 @@ class TorqueBalance:
         return TorqueBalance(self.terms[rows], self.torques[rows], block, self.run[rows], self.shifts)
 
     def fit(self, shift: int) -> Array:
-        """Numbers of :data:`TERMS` that explain the torque at a shift best (5,)."""
+        """Numbers of :data:`BALANCE_TERMS` that explain the torque at a shift best (5,)."""
         return np.asarray(np.linalg.lstsq(self.terms, self.torques[:, shift], rcond=None)[0], dtype=np.float64)
 
     def r2(self, shift: int) -> float:
@@ -92,13 +100,13 @@ class Shift:
 
     @property
     def size(self) -> tuple[float, float]:
-        """95 % interval of the absolute value, widened by :data:`SYSTEMATIC` and open where it may be more [s].
+        """95 % interval of the absolute value, widened by :data:`SHIFT_BIAS` and open where it may be more [s].
 
-        It does not cover the choice of :data:`WINDOW`.
+        It does not cover the choice of :data:`WEAK_FORM_WINDOW`.
         """
         low, high = sorted((abs(self.low), abs(self.high)))
-        least = max(low - SYSTEMATIC, 0.0) if self.low * self.high > 0.0 else 0.0
-        return least, math.inf if self.least else high + SYSTEMATIC
+        least = max(low - SHIFT_BIAS, 0.0) if self.low * self.high > 0.0 else 0.0
+        return least, math.inf if self.least else high + SHIFT_BIAS
 
 
 def every_row(balance: TorqueBalance) -> np.ndarray:
@@ -111,7 +119,7 @@ def shifted_balance(
     loads: Sequence[tuple[float, float]],
     seen: Callable[[TorqueBalance], np.ndarray] = every_row,
 ) -> tuple[TorqueBalance, Shift] | None:
-    """Return the balance of all runs together and its shift, looked for as far as :data:`REACHES` and the runs allow.
+    """Return the balance of all runs together and its shift, as far as :data:`SHIFT_REACHES` and the runs allow.
 
     Args:
         runs, loads: as of :func:`torque_balance`.
@@ -124,7 +132,7 @@ def shifted_balance(
     if balance is None:
         return None
     found = torque_shift(balance.only(seen(balance)))
-    for reach in REACHES[1:]:
+    for reach in SHIFT_REACHES[1:]:
         further = torque_balance(runs, loads, reach) if found.least else None
         if further is None or set(further.run) != set(balance.run):  # some runs are too short for that
             break
@@ -133,21 +141,21 @@ def shifted_balance(
 
 
 def torque_balance(
-    runs: Sequence[tuple[Array, Array, Array]], loads: Sequence[tuple[float, float]], reach: float = REACHES[0]
+    runs: Sequence[tuple[Array, Array, Array]], loads: Sequence[tuple[float, float]], reach: float = SHIFT_REACHES[0]
 ) -> TorqueBalance | None:
     """Return the balance of all runs together.
 
     Args:
         runs: time [s], position [rad] and torque [N.m] of each, all (n,); torque is NaN where none was logged, and no
-            row reaches into more than :data:`GAP` of that, nor into a gap of the clock.
+            row reaches into more than :data:`MAX_BRIDGED_GAP` of that, nor into a gap of the clock.
         loads: believed inertia [kg.m2] and gravity torque at a quarter turn [N.m] of each.
         reach: largest shift that is tried [s].
 
     Returns:
         None where all runs are too short.
     """
-    steps = np.arange(-round(reach / STEP), round(reach / STEP) + 1)
-    shortest = 4.0 * (WINDOW + len(steps) * STEP)
+    steps = np.arange(-round(reach / GRID_STEP), round(reach / GRID_STEP) + 1)
+    shortest = 4.0 * (WEAK_FORM_WINDOW + len(steps) * GRID_STEP)
     pieces = {
         k: _weak_form(*run, *load, steps)
         for k, (run, load) in enumerate(zip(runs, loads, strict=True))
@@ -158,7 +166,7 @@ def torque_balance(
     terms, torques = (np.concatenate([piece[k] for piece in pieces.values()]) for k in (0, 1))
     _, block = np.unique(np.concatenate([p[2] + 100_000 * k for k, p in pieces.items()]), return_inverse=True)
     run = np.repeat(list(pieces), [len(piece[2]) for piece in pieces.values()])
-    return TorqueBalance(terms, torques, block, run, np.asarray(steps * STEP, dtype=np.float64))
+    return TorqueBalance(terms, torques, block, run, np.asarray(steps * GRID_STEP, dtype=np.float64))
 
 
 def torque_shift(balance: TorqueBalance) -> Shift:
@@ -176,7 +184,7 @@ def torque_shift(balance: TorqueBalance) -> Shift:
     drawn = np.array(
         [
             shifts[_best_shift(*(np.tensordot(weight, sums, 1) for sums in (inner, cross, size)))]
-            for weight in block_weights(count, DRAWS, rng)
+            for weight in block_weights(count, SHIFT_DRAWS, rng)
         ]
     )
     seconds = float(np.median(drawn))
@@ -195,7 +203,7 @@ def _best_shift(inner: Array, cross: Array, size: Array) -> int:
             of the torques (shifts,).
     """
     scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    inner = inner / np.outer(scale, scale) + 1e-9 * np.eye(len(TERMS))
+    inner = inner / np.outer(scale, scale) + 1e-9 * np.eye(len(BALANCE_TERMS))
     cross, size = cross / scale[:, None], np.maximum(size, 1e-300)
     explained = (cross * np.linalg.solve(inner, cross)).sum(axis=0)
     return int(np.argmin((size - explained) / size))
@@ -203,9 +211,9 @@ def _best_shift(inner: Array, cross: Array, size: Array) -> int:
 
 def _kernels() -> tuple[Array, Array, Array]:
     """The window of the weak form, its first and its second derivative, at the points of the grid (n,)."""
-    half = int(WINDOW / STEP / 2)
+    half = int(WEAK_FORM_WINDOW / GRID_STEP / 2)
     s = np.linspace(-1.0, 1.0, 2 * half + 1)
-    width = half * STEP
+    width = half * GRID_STEP
     first = -8 * s * (1 - s**2) ** 3 / width
     second = (-8 * (1 - s**2) ** 3 + 48 * s**2 * (1 - s**2) ** 2) / width**2
     return (1 - s**2) ** 4, first, second
@@ -214,7 +222,7 @@ def _kernels() -> tuple[Array, Array, Array]:
 def acceleration_noise(noise: float, period: float) -> float:
     """Noise of an averaged acceleration [rad/s2], from that of a position sample [rad] and the sampling period [s]."""
     window, _, second = _kernels()
-    held = max(period / STEP, 1.0)  # points of the grid that share the error of one sample
+    held = max(period / GRID_STEP, 1.0)  # points of the grid that share the error of one sample
     return noise * float(np.sqrt(held) * np.linalg.norm(second) / window.sum())
 
 
@@ -223,7 +231,7 @@ def _weak_form(
 ) -> tuple[Array, Array, np.ndarray]:
     """Terms (m, 5), torque at every shift of so many steps (m, shifts) and block (m,) of one run."""
     torque = _bridged(time, torque)
-    grid = np.arange(time[0], time[-1], STEP)
+    grid = np.arange(time[0], time[-1], GRID_STEP)
     angle = np.interp(grid, time, position)
     window, first, second = _kernels()
     half = len(window) // 2
@@ -235,23 +243,25 @@ def _weak_form(
     columns = [
         inertia * averaged(angle, second),
         gravity * averaged(np.sin(angle), window),
-        averaged(np.tanh(speed / SLIP), window),
+        averaged(np.tanh(speed / REVERSAL_SPEED), window),
         speed,
         np.ones_like(grid),
     ]
     waits = np.diff(time)  # across a gap neither torque nor motion is known; a slow clock has none for that
-    lost = (waits > max(GAP, 2.0 * float(np.median(waits))))[np.searchsorted(time[1:-1], grid, side="right")]
+    lost = (waits > max(MAX_BRIDGED_GAP, 2.0 * float(np.median(waits))))[
+        np.searchsorted(time[1:-1], grid, side="right")
+    ]
     smooth = averaged(np.where(lost, np.nan, np.interp(grid, time, torque)), window)
-    inside = np.arange(half + len(steps), len(grid) - half - len(steps), EVERY)
+    inside = np.arange(half + len(steps), len(grid) - half - len(steps), ROW_STRIDE)
     shifted = smooth[inside[:, None] - steps]
     good = np.isfinite(shifted).all(axis=1)  # a missing torque makes all that it touches NaN
     inside, shifted = inside[good], shifted[good]
-    block = ((grid[inside] - grid[0]) / BLOCK).astype(int)
+    block = ((grid[inside] - grid[0]) / ERROR_BLOCK).astype(int)
     return np.stack(columns, axis=1)[inside], shifted, block
 
 
 def _bridged(time: Array, torque: Array) -> Array:
-    """The torque (n,) with straight lines over missing values, NaN where they last longer than :data:`GAP`."""
+    """The torque (n,) with straight lines over missing values, NaN where they exceed :data:`MAX_BRIDGED_GAP`."""
     known = np.flatnonzero(np.isfinite(torque))
     if len(known) == len(torque):
         return torque
@@ -260,7 +270,7 @@ def _bridged(time: Array, torque: Array) -> Array:
     near = (before >= 0) & (after < len(known))
     length = np.full(len(torque), np.inf)
     length[near] = time[known[after[near]]] - time[known[before[near]]]
-    bridge = near & (length <= GAP)  # a known value lies between itself and itself
+    bridge = near & (length <= MAX_BRIDGED_GAP)  # a known value lies between itself and itself
     out = np.full(len(torque), np.nan)
     if bridge.any():
         out[bridge] = np.interp(time[bridge], time[known], torque[known])

@@ -1,14 +1,14 @@
 """What to measure next: the motion, out of a library, that best tells apart what the log leaves open."""
 
 from .detection import DetectionLimit, detection_limits
-from .excitations import DURATION, RATE, Limits, default_limits, library
+from .excitations import EXCITATION_SECONDS, GOAL_RATE, Limits, default_limits, library
 from .exposure import blind_spots, experiment_for_still, unseen
 from .files import goal_table, read_goals, write_experiment
 from .proposal import Along, Experiment, propose
 
 __all__ = [
-    "DURATION",
-    "RATE",
+    "EXCITATION_SECONDS",
+    "GOAL_RATE",
     "Along",
     "DetectionLimit",
     "Experiment",

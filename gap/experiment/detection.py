@@ -14,14 +14,16 @@ from ..log.parts import FIT_A, FIT_B
 from ..replay.joint_problem import JointProblem
 from ..search.bounded import bounded_step
 from ..search.result import Search
-from .proposal import RIDGE, SHOWS, Hypothesis, Prediction, everything, predict, thinned
+from .proposal import NORMAL_RIDGE, VISIBLE_DIFFERENCE, Hypothesis, Prediction, everything, predict, thinned
 
-SIZES = tuple(2.0**k for k in range(-4, 6))  # that a detection limit is sought among, in parts of a plausible size
-AT_ONCE = 16  # replays
-FAR = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
-STEPS = 12  # evaluations of the tuned numbers, at most, on their way towards the log that was measured
-SLOW = 0.02  # of what is left, that such a step must take for the next one to be worth it
-HOPELESS = 3.0  # times what shows, as a step foresees it: from there tuned numbers do not hide a cause
+TRIED_SIZES = tuple(
+    2.0**k for k in range(-4, 6)
+)  # that a detection limit is sought among, in parts of a plausible size
+REPLAYS_AT_ONCE = 16  # replays
+MAX_CHANGE = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
+MAX_TUNING_STEPS = 12  # evaluations of the tuned numbers, at most, on their way towards the log that was measured
+MIN_STEP_GAIN = 0.02  # of what is left, that such a step must take for the next one to be worth it
+UNHIDDEN_RATIO = 3.0  # times what shows, as a step foresees it: from there tuned numbers do not hide a cause
 
 
 @dataclass(frozen=True)
@@ -103,19 +105,19 @@ class Looks:
         neutral = first.neutral(self.log.models[0])
         neutral = max(neutral, first.from_fit(low))
         none, plausible = first.to_fit(min(neutral, first.high)), first.to_fit(cause.values[first.path])
-        sizes = none + side * abs(plausible - none) * np.array(SIZES)
+        sizes = none + side * abs(plausible - none) * np.array(TRIED_SIZES)
         sizes = sizes[(sizes >= low) & (sizes <= high)]
         if not len(sizes):
             return side * math.inf
         apart = self.apart([{**cause.values, first.path: first.from_fit(size)} for size in sizes], variant)
-        unseen = np.flatnonzero(apart < SHOWS)
+        unseen = np.flatnonzero(apart < VISIBLE_DIFFERENCE)
         k = int(unseen[-1]) + 1 if len(unseen) else 0
         if k == len(sizes):
             return side * math.inf
         shown, hidden, left = abs(sizes[k] - none), *((abs(sizes[k - 1] - none), apart[k - 1]) if k else (0.0, 0.0))
         # lines to the first size that shows, from none and from the last that does not, whichever hides more
-        between = hidden + (shown - hidden) * (SHOWS - left) / (apart[k] - left)
-        return first.from_fit(none + side * max(shown * SHOWS / apart[k], between))
+        between = hidden + (shown - hidden) * (VISIBLE_DIFFERENCE - left) / (apart[k] - left)
+        return first.from_fit(none + side * max(shown * VISIBLE_DIFFERENCE / apart[k], between))
 
     def apart(self, rows: Sequence[Mapping[str, float]], variant: Variant) -> np.ndarray:
         """How far models with a cause (s,) stay from the one that fits, with the numbers beside it tuned (rms).
@@ -132,16 +134,16 @@ class Looks:
         starts = [np.zeros(len(kept)), np.clip(believed - here, low, high)] if kept else [np.zeros(0)]
         trips = [_Trip(row, k, start, self.predicted.change[:, kept]) for k, row in enumerate(rows) for start in starts]
         least, left = np.full(len(rows), np.inf), trips
-        for _ in range(STEPS):
+        for _ in range(MAX_TUNING_STEPS):
             rest = self.signals([
                 trip.row | {p.path: p.from_fit(u) for p, u in zip(numbers, here + trip.moved, strict=True)}
                 for trip in left
             ])  # fmt: skip
-            rest = np.clip(np.nan_to_num(rest - self.predicted.signal, nan=FAR), -FAR, FAR)
+            rest = np.clip(np.nan_to_num(rest - self.predicted.signal, nan=MAX_CHANGE), -MAX_CHANGE, MAX_CHANGE)
             for trip, error in zip(left, rest, strict=True):
                 trip.arrived(error)
                 least[trip.number] = min(least[trip.number], trip.least)
-            left = [t for t in left if kept and least[t.number] >= SHOWS and t.goes_on(low, high)]
+            left = [t for t in left if kept and least[t.number] >= VISIBLE_DIFFERENCE and t.goes_on(low, high)]
             if not left:
                 break
         return least
@@ -149,7 +151,7 @@ class Looks:
     def signals(self, rows: Sequence[Mapping[str, float]]) -> np.ndarray:
         """Weighted signals of several models (s, m)."""
         blank = dataclasses.replace(self.log, measured=np.where(np.isfinite(self.log.measured), 0.0, np.nan))
-        parts = [rows[k : k + AT_ONCE] for k in range(0, len(rows), AT_ONCE)]
+        parts = [rows[k : k + REPLAYS_AT_ONCE] for k in range(0, len(rows), REPLAYS_AT_ONCE)]
         return np.concatenate([blank.residual(blank.simulate(part)) for part in parts])
 
 
@@ -176,7 +178,7 @@ class _Trip:
             missed = error - self._error - self.change @ self._move
             self.change = self.change + np.outer(missed, self._move) / length
         size = float(np.sqrt(np.mean(error**2)))
-        self.slow = size > (1.0 - SLOW) * self.least
+        self.slow = size > (1.0 - MIN_STEP_GAIN) * self.least
         self.least, self._error = min(self.least, size), error
 
     def goes_on(self, low: np.ndarray, high: np.ndarray) -> bool:
@@ -184,7 +186,9 @@ class _Trip:
         if self.slow:
             return False
         gram = self.change.T @ self.change
-        gram += np.diag(RIDGE * gram.diagonal() + RIDGE)
+        gram += np.diag(NORMAL_RIDGE * gram.diagonal() + NORMAL_RIDGE)
         self._move = bounded_step(gram, self.change.T @ self._error, low - self.moved, high - self.moved)
         self.moved = self.moved + self._move
-        return float(np.sqrt(np.mean((self._error + self.change @ self._move) ** 2))) < HOPELESS * SHOWS
+        return (
+            float(np.sqrt(np.mean((self._error + self.change @ self._move) ** 2))) < UNHIDDEN_RATIO * VISIBLE_DIFFERENCE
+        )

@@ -12,14 +12,16 @@ from ...common.errors import SealegsError
 from ..checks.stops import Stop
 from ..replay.joint_model import JointModel
 
-DURATION = 12.0  # [s]
-RATE = 100.0  # [Hz] goals of an excitation
-REACH = 1.2  # [rad] either side of hanging, unless the log went further or limits are given
-HOLDS = 0.6  # share of the stall torque that gravity may take at the ends of an excitation
-FOLLOWS = 0.8  # share of the no-load speed that a smooth goal may have
-LEAST = 0.1  # [rad] range that gravity must leave: in less, backlash and friction hide what a motion would show
-CLEAR = 0.03  # [rad] that a motion stays away from a stop
-SMOOTH = ("chirp", "fast chirp", "multisine", "slow triangle", "slow small triangle")
+EXCITATION_SECONDS = 12.0  # [s]
+GOAL_RATE = 100.0  # [Hz] goals of an excitation
+USUAL_REACH = 1.2  # [rad] either side of hanging, unless the log went further or limits are given
+GRAVITY_STALL_SHARE = 0.6  # share of the stall torque that gravity may take at the ends of an excitation
+SMOOTH_SPEED_SHARE = 0.8  # share of the no-load speed that a smooth goal may have
+MIN_GOAL_RANGE = (
+    0.1  # [rad] range that gravity must leave: in less, backlash and friction hide what a motion would show
+)
+STOP_CLEARANCE = 0.03  # [rad] that a motion stays away from a stop
+SMOOTH_KINDS = ("chirp", "fast chirp", "multisine", "slow triangle", "slow small triangle")
 
 
 @dataclass(frozen=True)
@@ -58,34 +60,34 @@ class Limits:
 
 
 def default_limits(position: np.ndarray, speed: float = math.inf) -> Limits:
-    """Limits where nobody gave any: :data:`REACH` either side of hanging, further where the log (n,) [rad] went."""
+    """Limits where nobody gave any: :data:`USUAL_REACH` either side of hanging, or as far as the log went (n,)."""
     seen = position[np.isfinite(position)]
-    return Limits(min(-REACH, float(seen.min())), max(REACH, float(seen.max())), speed)
+    return Limits(min(-USUAL_REACH, float(seen.min())), max(USUAL_REACH, float(seen.max())), speed)
 
 
 def visited(position: np.ndarray) -> Limits | None:
     """Limits of a joint of a robot where nobody gave any: where the log (n,) [rad] went; None where that is nowhere."""
     seen = position[np.isfinite(position)]
-    return Limits(float(seen.min()), float(seen.max())) if np.ptp(seen) > LEAST else None
+    return Limits(float(seen.min()), float(seen.max())) if np.ptp(seen) > MIN_GOAL_RANGE else None
 
 
 def within(limits: Limits, stops: Sequence[Stop]) -> Limits | None:
-    """Limits less what lies behind stops, and :data:`CLEAR` of them; None where that leaves no room."""
-    lower = max([limits.lower, *(stop.angle + CLEAR for stop in stops if stop.side < 0)])
-    upper = min([limits.upper, *(stop.angle - CLEAR for stop in stops if stop.side > 0)])
-    return replace(limits, lower=lower, upper=upper) if upper - lower > LEAST else None
+    """Limits less what lies behind stops, and :data:`STOP_CLEARANCE` of them; None where that leaves no room."""
+    lower = max([limits.lower, *(stop.angle + STOP_CLEARANCE for stop in stops if stop.side < 0)])
+    upper = min([limits.upper, *(stop.angle - STOP_CLEARANCE for stop in stops if stop.side > 0)])
+    return replace(limits, lower=lower, upper=upper) if upper - lower > MIN_GOAL_RANGE else None
 
 
 def library(centre: float, reach: float, seed: int | Sequence[int] = 0) -> dict[str, np.ndarray]:
-    """Excitations within ``centre +- reach`` [rad], each (n,) at :data:`RATE`.
+    """Excitations within ``centre +- reach`` [rad], each (n,) at :data:`GOAL_RATE`.
 
     All but the chirps and triangles begin again after half of their duration with other numbers, and all of them keep
     to the range.
     """
-    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    t = np.arange(0.0, EXCITATION_SECONDS, 1.0 / GOAL_RATE)
     rng = np.random.default_rng(seed)
-    sweep = 2 * np.pi * (0.1 * t + (2.5 - 0.1) * t**2 / (2 * DURATION))
-    fast = 2 * np.pi * (0.5 * t + (6.0 - 0.5) * t**2 / (2 * DURATION))
+    sweep = 2 * np.pi * (0.1 * t + (2.5 - 0.1) * t**2 / (2 * EXCITATION_SECONDS))
+    fast = 2 * np.pi * (0.5 * t + (6.0 - 0.5) * t**2 / (2 * EXCITATION_SECONDS))
     multisine = sum(
         np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi)) / (1 + f) for f in (0.25, 0.5, 1.0, 1.75, 2.5)
     )
@@ -101,42 +103,42 @@ def library(centre: float, reach: float, seed: int | Sequence[int] = 0) -> dict[
         "fast steps": _held(rng, t, 0.4),
         "small steps": 0.12 * _held(rng, t, 0.5),
         "hold": poses[np.minimum((t / 2.0).astype(int), 5)],
-        "hold and release": np.where((t % 4.0) < 2.0, 1.0, 0.0) * np.where(t < DURATION / 2, 1.0, -1.0),
+        "hold and release": np.where((t % 4.0) < 2.0, 1.0, 0.0) * np.where(t < EXCITATION_SECONDS / 2, 1.0, -1.0),
     }
     return {name: centre + reach * shape for name, shape in shapes.items()}
 
 
 def _held(rng: np.random.Generator, t: np.ndarray, period: float) -> np.ndarray:
     """A new random level in -1..1 every ``period`` seconds (n,)."""
-    levels = rng.uniform(-1, 1, int(np.ceil(DURATION / period)) + 1)
+    levels = rng.uniform(-1, 1, int(np.ceil(EXCITATION_SECONDS / period)) + 1)
     return levels[(t / period + 1e-9).astype(int)]
 
 
 def excitations(
     limits: Limits, nominal: JointModel, params: Mapping[str, float], seed: int = 0
 ) -> dict[str, np.ndarray]:
-    """The library within the limits and within what the servo can do with this load, each (n,) at :data:`RATE`.
+    """The library within the limits and within what the servo can do with this load, each (n,) at :data:`GOAL_RATE`.
 
     Smooth motions that the motor could not follow are made smaller; nothing goes where gravity takes more than
-    :data:`HOLDS` of the stall torque.
+    :data:`GRAVITY_STALL_SHARE` of the stall torque.
 
     Returns:
-        By name; none where that leaves less than :data:`LEAST` of the limits.
+        By name; none where that leaves less than :data:`MIN_GOAL_RANGE` of the limits.
     """
     stall, no_load = abilities(nominal)
     gravity = nominal.load.planned_gravity(params)
     lower, upper = limits.lower, limits.upper
-    if HOLDS * stall < gravity:
-        most = math.asin(HOLDS * stall / gravity)
+    if GRAVITY_STALL_SHARE * stall < gravity:
+        most = math.asin(GRAVITY_STALL_SHARE * stall / gravity)
         lower, upper = max(lower, -most), min(upper, most)
-        if upper - lower < min(LEAST, 2.0 * limits.reach):
+        if upper - lower < min(MIN_GOAL_RANGE, 2.0 * limits.reach):
             return {}
     centre, reach = 0.5 * (lower + upper), 0.5 * (upper - lower)
-    fastest = min(limits.speed, FOLLOWS * no_load)
+    fastest = min(limits.speed, SMOOTH_SPEED_SHARE * no_load)
     found = {}
     for name, goal in library(centre, reach, seed).items():
-        speed = float(np.abs(np.diff(goal)).max() * RATE)
-        if name in SMOOTH and speed > fastest:
+        speed = float(np.abs(np.diff(goal)).max() * GOAL_RATE)
+        if name in SMOOTH_KINDS and speed > fastest:
             goal = centre + (goal - centre) * (fastest / speed)
         found[name] = np.clip(slewed(goal, limits.speed), lower, upper)  # whatever the library does: this moves metal
     return found
@@ -157,7 +159,7 @@ def slewed(goal: np.ndarray, speed: float) -> np.ndarray:
     """Goals (n,) that follow ``goal`` no faster than ``speed`` [rad/s]."""
     if not math.isfinite(speed):
         return goal
-    out, most = goal.copy(), speed / RATE
+    out, most = goal.copy(), speed / GOAL_RATE
     for k in range(1, len(out)):
         out[k] = out[k - 1] + min(max(goal[k] - out[k - 1], -most), most)
     return out

@@ -16,9 +16,11 @@ from ..search.fit import Fit
 from ..search.result import Search
 from ..search.torque_gauge import is_open
 from .excitations import Limits
-from .proposal import SHOWS, Experiment, everything, predict, propose, thinned, unlike
+from .proposal import VISIBLE_DIFFERENCE, Experiment, everything, predict, propose, thinned, unlike
 
-BLIND = 0.25  # share of the catalogue that a log may be unable to show for "nothing to explain" to mean something
+MAX_BLIND_SHARE = (
+    0.25  # share of the catalogue that a log may be unable to show for "nothing to explain" to mean something
+)
 ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
 
 
@@ -35,7 +37,7 @@ def unseen(problem: JointProblem, search: Search) -> tuple[str, ...]:
         if cause.name in behind:
             continue
         there = predict(old, cause)
-        if unlike(there, nothing, there, nothing) < SHOWS:
+        if unlike(there, nothing, there, nothing) < VISIBLE_DIFFERENCE:
             hidden.append(cause.name)
     return tuple(hidden)
 
@@ -57,7 +59,7 @@ def too_many(hidden: int, considered: int) -> bool:
 
     One of a few that somebody asked for does not: a number of the model may be a few per cent off unseen in any log.
     """
-    return 0 < hidden == considered or hidden > max(BLIND * considered, 1)
+    return 0 < hidden == considered or hidden > max(MAX_BLIND_SHARE * considered, 1)
 
 
 def experiment_for_still(

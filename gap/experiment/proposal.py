@@ -28,21 +28,21 @@ from ..search.fit import merge, middle
 from ..search.result import Search
 from ..search.simpler import without_friction
 from ..search.structure import listed
-from .excitations import HOLDS, RATE, Limits, abilities, default_limits, excitations, visited, within
+from .excitations import GOAL_RATE, GRAVITY_STALL_SHARE, Limits, abilities, default_limits, excitations, visited, within
 
 Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """What a joint of a robot works against (n, T_COLUMNS) on a planned motion: of times (n,) [s] and goals (n,) [rad]."""
-ENOUGH = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
-SHOWS = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
-CAP = 3.0  # noise floors beyond which a pair needs no more
+MIN_SEPARATION = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
+VISIBLE_DIFFERENCE = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
+MAX_SEPARATION = 3.0  # noise floors beyond which a pair needs no more
 NOTHING_MORE = "nothing more"
 """Name of the hypothesis that no further cause is there."""
-MOST_RIVALS = 4
-REPEATS = 3  # times the excitation is to be run: once for each part of the data
+MAX_RIVALS = 4
+EXPERIMENT_REPEATS = 3  # times the excitation is to be run: once for each part of the data
 LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
-RIDGE = 1e-9  # of the normal equations, relative and absolute
-SHRINKS = 9  # of a motion that a hypothesis predicts to leave the limits, by up to 2 each: to less than a hundredth
-MOST_SAMPLES = 6000  # of the old log that the hypotheses must also fit
+NORMAL_RIDGE = 1e-9  # of the normal equations, relative and absolute
+MAX_SHRINKS = 9  # of a motion that a hypothesis predicts to leave the limits, by up to 2 each: to less than a hundredth
+MAX_OLD_SAMPLES = 6000  # of the old log that the hypotheses must also fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Experiment:
     goal: np.ndarray
     table: dict[str, float]
     load: dict[str, float] = dataclasses.field(default_factory=dict)
-    repeats: int = REPEATS
+    repeats: int = EXPERIMENT_REPEATS
     rivals: tuple[str, ...] = ()
 
 
@@ -154,7 +154,7 @@ def propose(
     table: dict[str, float] = {}
     loads = _distinct(problem.params)
     for step, load in enumerate([*loads, *_other_loads(nominal, loads[0])]):
-        if step >= len(loads) and best is not None and best.separation >= ENOUGH:
+        if step >= len(loads) and best is not None and best.separation >= MIN_SEPARATION:
             break
         for name, goal in excitations(limits, nominal, load, seed).items():
             goal = kept_within(problem, load, goal, hypotheses, limits, along)
@@ -164,12 +164,12 @@ def propose(
             new = measurement(problem, load, goal, along)
             predicted = [predict(new, h) for h in hypotheses]
             apart = _distances(known, predicted)
-            score = float(np.mean(np.minimum(apart, CAP))) if blind else float(apart.min())
+            score = float(np.mean(np.minimum(apart, MAX_SEPARATION))) if blind else float(apart.min())
             table[label] = score
             # another load is work: it must tell a good deal more apart
             dearer = best is not None and load not in loads and best.load in loads
             if best is None or score > best.separation * (1.5 if dearer else 1.0):
-                time = np.arange(len(goal)) / RATE
+                time = np.arange(len(goal)) / GOAL_RATE
                 best = Experiment(
                     name, "", score, time, goal, table, dict(load), rivals=tuple(h.name for h in hypotheses)
                 )
@@ -182,7 +182,7 @@ def experiment_sentence(
     best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool, *, alone: bool = True
 ) -> str:
     """What to run, and what it tells."""
-    seconds = best.time[-1] + 1.0 / RATE
+    seconds = best.time[-1] + 1.0 / GOAL_RATE
     what = (
         f"Run '{best.name}' {best.repeats} times ({seconds:g} s each, goals between {best.goal.min():.2f} and "
         f"{best.goal.max():.2f} rad; see that the joint is free there)"
@@ -196,7 +196,7 @@ def experiment_sentence(
     what += " and diagnose these logs together with the old ones"
     names = "the causes of the catalogue apart" if blind else _apart(best.rivals)
     mean = " on average" if blind else ""
-    if best.separation < SHOWS:
+    if best.separation < VISIBLE_DIFFERENCE:
         it = "one of these" if blind or len(best.rivals) > 2 else "it"
         return (
             f"Within the limits of motion, no motion and no load of the library tells {names} (at most "
@@ -222,7 +222,7 @@ def _apart(rivals: Sequence[str]) -> str:
 def _rivals(search: Search) -> list[Hypothesis]:
     """The candidates that the first undecided round leaves, with what was accepted before it."""
     for k, step in enumerate(search.rounds):
-        close = [*step.candidates[:1], *search.close(step)][:MOST_RIVALS]
+        close = [*step.candidates[:1], *search.close(step)][:MAX_RIVALS]
         before = merge(search.tuned, *(c.variant for c in search.accepted[:k]))
         found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
         if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all
@@ -270,7 +270,7 @@ def _other_loads(nominal: JointModel, load: Mapping[str, float]) -> list[dict[st
     found = []
     for factor in LOAD_FACTORS if load.get("mass", 0.0) > 0.0 else ():  # what to hang on an empty shaft is not known
         changed = {**load, "mass": float(f"{load['mass'] * factor:.2g}")}
-        if nominal.load.gravity_torque(changed) <= HOLDS * abilities(nominal)[0]:
+        if nominal.load.gravity_torque(changed) <= GRAVITY_STALL_SHARE * abilities(nominal)[0]:
             found.append(changed)
     return found
 
@@ -279,7 +279,7 @@ def measurement(
     problem: JointProblem, load: Mapping[str, float], goal: np.ndarray, along: Along | None = None
 ) -> JointProblem:
     """A measurement yet to be made, laid out as the log is; its measured signals are zero."""
-    time = np.arange(len(goal)) / RATE
+    time = np.arange(len(goal)) / GOAL_RATE
     nothing = np.zeros(len(goal))
     logged = {c: nothing for c in CHANNELS if c != "position" and problem.weight[CHANNELS.index(c)] > 0.0}
     warm = np.full(len(goal), float(np.median(problem.temperature)))
@@ -308,7 +308,7 @@ def kept_within(
     """
     spare = 0.05 * limits.reach
     centre = 0.5 * (goal.min() + goal.max())
-    for _ in range(SHRINKS):
+    for _ in range(MAX_SHRINKS):
         planned = measurement(problem, load, goal, along)
         out = planned.simulate([h.values for h in hypotheses])[:, :, 0]
         out = np.clip(out, -1e2, 1e2) - centre
@@ -324,7 +324,7 @@ def kept_within(
 def thinned(problem: JointProblem) -> JointProblem:
     """Few enough units of a long log, spread over it."""
     sizes = np.diff(problem.starts)
-    every = max(int(np.ceil(sizes.sum() / MOST_SAMPLES)), 1)
+    every = max(int(np.ceil(sizes.sum() / MAX_OLD_SAMPLES)), 1)
     if every == 1 or len(sizes) <= every:
         return problem
     chosen = set(range(0, len(sizes), every))
@@ -375,10 +375,10 @@ def unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Predi
     # of the move of both: first the nuisance parameters of a, then all of b; repeats weigh as several measurements
     change = np.concatenate([-new_a.change[:, beside], new_b.change], axis=1)
     rest = new_b.signal - new_a.signal
-    gram, slope = REPEATS * (change.T @ change), REPEATS * (change.T @ rest)
+    gram, slope = EXPERIMENT_REPEATS * (change.T @ change), EXPERIMENT_REPEATS * (change.T @ rest)
     gram[:own, :own] += old_a.gram[beside, beside]
     gram[own:, own:] += old_b.gram
     slope[own:] += old_b.change.T @ (old_b.signal - old_a.signal)
     low, high = np.append(new_a.low[beside], new_b.low), np.append(new_a.high[beside], new_b.high)
-    moved = bounded_step(gram + np.diag(RIDGE * gram.diagonal() + RIDGE), slope, low, high)
+    moved = bounded_step(gram + np.diag(NORMAL_RIDGE * gram.diagonal() + NORMAL_RIDGE), slope, low, high)
     return float(np.sqrt(np.mean((rest + change @ moved) ** 2)))

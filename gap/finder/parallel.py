@@ -25,11 +25,11 @@ from ..prepare.request import Request
 from ..search.journal import keeping, kept_at
 from ..verdict.verdict import JointDiagnosis
 
-WAITING = "OMP_WAIT_POLICY"
-LOST = (EOFError, OSError)
+WAIT_POLICY = "OMP_WAIT_POLICY"
+QUEUE_LOST = (EOFError, OSError)
 """What a queue raises whose own process is gone."""
-TOLD_EVERY = 0.2  # [s] a person sees what joints are at
-MANY = 3  # joints from which processes pay for what it costs to start them
+PROGRESS_PERIOD = 0.2  # [s] a person sees what joints are at
+MIN_PARALLEL_JOINTS = 3  # joints from which processes pay for what it costs to start them
 Diagnose = Callable[[Machine, str, Sequence[Finding], Request], JointDiagnosis]
 """Diagnoses one joint of a machine; a function of a module, so that another process finds it."""
 
@@ -48,7 +48,7 @@ def side_by_side(
     Args:
         tasks: what diagnoses each joint, by its name.
         machine, findings, request: what they are called with.
-        workers: processes; None: one per core where there are at least :data:`MANY` joints.
+        workers: processes; None: one per core where there are at least :data:`MIN_PARALLEL_JOINTS` joints.
         done: is given each joint as soon as it is diagnosed.
         errors: is given what nobody foresaw, by joint, and the other joints go on; None: the first one is raised.
 
@@ -61,7 +61,7 @@ def side_by_side(
         return nullcontext() if errors is None else apart(joint, errors)
 
     joints = list(tasks)
-    workers = (cores() if len(joints) >= MANY else 1) if workers is None else workers
+    workers = (cores() if len(joints) >= MIN_PARALLEL_JOINTS else 1) if workers is None else workers
     if min(workers, len(joints)) < 2:
         in_turn = []
         for number, (joint, diagnose) in enumerate(tasks.items(), 1):
@@ -88,7 +88,7 @@ def side_by_side(
         try:
             left = set(asked)
             while left:
-                ended, left = wait(left, TOLD_EVERY, FIRST_COMPLETED)
+                ended, left = wait(left, PROGRESS_PERIOD, FIRST_COMPLETED)
                 _tell(said, request.progress)
                 for future in ended:
                     joint = asked[future]
@@ -151,7 +151,7 @@ class Said:
 
     def __call__(self, text: str) -> None:
         if self.queue is not None:
-            with suppress(*LOST):
+            with suppress(*QUEUE_LOST):
                 _named(self.joint, self.queue.put)(text)
 
 
@@ -162,7 +162,7 @@ def _lines(context: SpawnContext) -> Iterator[Any]:
     try:
         manager.start(exit_with_parent)
         lines = manager.Queue()
-    except LOST:
+    except QUEUE_LOST:
         yield None
         return
     try:
@@ -176,7 +176,7 @@ def _tell(said: Any, progress: Progress) -> None:
     while said is not None:
         try:
             line = said.get_nowait()
-        except (queue.Empty, *LOST):
+        except (queue.Empty, *QUEUE_LOST):
             return
         progress(line)
 
@@ -184,13 +184,13 @@ def _tell(said: Any, progress: Progress) -> None:
 @contextmanager
 def _waiting_asleep() -> Iterator[None]:
     """Processes begun here sleep where threads wait for each other, and keep no core that others need."""
-    before = os.environ.get(WAITING)
-    os.environ.setdefault(WAITING, "passive")
+    before = os.environ.get(WAIT_POLICY)
+    os.environ.setdefault(WAIT_POLICY, "passive")
     try:
         yield
     finally:
         if before is None:
-            del os.environ[WAITING]
+            del os.environ[WAIT_POLICY]
 
 
 def _begin(threads: int) -> None:

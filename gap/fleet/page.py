@@ -13,17 +13,17 @@ from matplotlib.figure import Figure
 
 from ...common.atomic import write_text, written
 from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
-from .table import FAILED, Row, Shared
+from .table import NOT_DIAGNOSED, Row, Shared
 
-HERE = Path(__file__).parent
-STYLE_SHEET = HERE.parent / "output" / "report" / "report.css"
-MOST_DOTS = 4  # causes whose values are drawn
+FLEET_FOLDER = Path(__file__).parent
+STYLE_SHEET = FLEET_FOLDER.parent / "output" / "report" / "report.css"
+MAX_DRAWN_CAUSES = 4  # causes whose values are drawn
 
 
 @styled
 def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
     """Servos against causes, coloured by the share of the gap, and beside it the values of the commonest causes."""
-    dotted = [cause for cause in shared if cause.values][:MOST_DOTS]
+    dotted = [cause for cause in shared if cause.values][:MAX_DRAWN_CAUSES]
     count, causes = len(rows), max(len(shared), 1)
     chart = figure(3.2 + 0.62 * causes + 2.1 * len(dotted), 2.2 + 0.3 * count)
     axes = chart.subplots(
@@ -41,7 +41,7 @@ def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
         matrix.text(j, i, text, ha="center", va="center", fontsize=9, color="white" if table[i, j] > 0.6 else "black")
     for i, row in enumerate(rows):
         if not row.causes:
-            words = {FAILED: "not diagnosed"}.get(row.verdict, row.verdict)
+            words = {NOT_DIAGNOSED: "not diagnosed"}.get(row.verdict, row.verdict)
             matrix.text(-0.42, i, words, va="center", fontsize=8, color="#8a3310" if row.failed else "#5a646e")
     matrix.set_xticks(
         range(len(shared)), [cause.name for cause in shared], rotation=40, ha="right", rotation_mode="anchor"
@@ -82,7 +82,11 @@ def write_page(rows: Sequence[Row], shared: Sequence[Shared], folder: Path, name
     with written(picture, replace=True) as fresh:
         fresh.write_bytes(buffer.getvalue())
     environment = Environment(
-        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=FileSystemLoader(FLEET_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     html = environment.get_template("fleet.html.j2").render(
         name=name,

@@ -14,7 +14,7 @@ from ...common.processes import cores, exit_with_parent
 from .cluster import on_ray, ray_module
 from .jobs import Job, Outcome, Report, finished, remove_unfinished, run_job
 
-FORGIVE = 5.0  # [s] a stopped worker has to end
+STOPPING_SECONDS = 5.0  # [s] a stopped worker has to end
 
 
 def diagnose_fleet(
@@ -109,7 +109,7 @@ def in_processes(
     finally:  # also when the person stops it
         for process, _ in running.values():
             process.terminate()
-        end = time.monotonic() + FORGIVE
+        end = time.monotonic() + STOPPING_SECONDS
         for process, job in running.values():
             process.join(max(end - time.monotonic(), 0.1))
             if process.is_alive():

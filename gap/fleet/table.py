@@ -18,7 +18,7 @@ COLUMNS: tuple[str, ...] = (
     "servo", "verdict", "nominal_rmse", "extended_rmse", "noise_floor", "cause", "kind", "share", "confidence",
     "parameter", "value", "low", "high", "unit", "nominal", "sentence",
 )  # fmt: skip
-FAILED = "not diagnosed"
+NOT_DIAGNOSED = "not diagnosed"
 Z95 = 1.96
 
 
@@ -29,7 +29,7 @@ class Row:
     Attributes:
         servo: folder, with the joint where the folder has several.
         folder: of the data set.
-        verdict, sentence: of the diagnosis; :data:`FAILED` and why where there is none.
+        verdict, sentence: of the diagnosis; :data:`NOT_DIAGNOSED` and why where there is none.
         gap: error by model, as in ``diagnosis.json``.
         causes: as in ``diagnosis.json``, errors of the log behind them.
     """
@@ -54,7 +54,7 @@ class Row:
     @property
     def failed(self) -> bool:
         """Whether there is no diagnosis."""
-        return self.verdict == FAILED
+        return self.verdict == NOT_DIAGNOSED
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     rows = []
     for outcome in sorted(outcomes, key=lambda outcome: outcome.name):
         if outcome.document is None:
-            rows.append(Row(outcome.name, outcome.name, FAILED, outcome.error, {}, ()))
+            rows.append(Row(outcome.name, outcome.name, NOT_DIAGNOSED, outcome.error, {}, ()))
             continue
         joints = outcome.document.get("joints") or [outcome.document]
         for joint in joints:

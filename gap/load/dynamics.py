@@ -11,11 +11,13 @@ from numba import get_num_threads
 from numpy.typing import NDArray
 
 from ..log.types import Array
-from .robot import KINDS
+from .robot import SINGLE_COORDINATE_KINDS
 
-MOST = 4096  # samples at once, which bounds the memory
-ROTOR = 1.0  # [kg.m2] of each joint, taken off again: a robot without masses would have a singular matrix
-UNNEEDED = (
+MAX_BATCH_SAMPLES = 4096  # samples at once, which bounds the memory
+REGULARISING_INERTIA = (
+    1.0  # [kg.m2] of each joint, taken off again: a robot without masses would have a singular matrix
+)
+UNNEEDED_FORCES = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT,
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
     mujoco.mjtDisableBit.mjDSBL_ACTUATION,
@@ -26,7 +28,7 @@ Numbers = NDArray[np.integer]
 
 def single_joints(model: mujoco.MjModel) -> tuple[Numbers, Numbers]:
     """Degrees of freedom of hinges and slides, and their coordinates; free and ball joints stay where they are."""
-    found = [j for j in range(model.njnt) if int(model.jnt_type[j]) in KINDS]
+    found = [j for j in range(model.njnt) if int(model.jnt_type[j]) in SINGLE_COORDINATE_KINDS]
     return model.jnt_dofadr[found], model.jnt_qposadr[found]
 
 
@@ -46,10 +48,10 @@ class Dynamics:
 
     def __init__(self, model: mujoco.MjModel, dofs: Numbers, ratios: Array, samples: int) -> None:
         bodies = model.__copy__()
-        bodies.opt.disableflags |= sum(int(flag) for flag in UNNEEDED)
-        bodies.dof_armature[:] = ROTOR
+        bodies.opt.disableflags |= sum(int(flag) for flag in UNNEEDED_FORCES)
+        bodies.dof_armature[:] = REGULARISING_INERTIA
         bodies.tendon_armature[:] = 0.0
-        self.size = min(samples, MOST)
+        self.size = min(samples, MAX_BATCH_SAMPLES)
         self.dofs, self.ratios = dofs, ratios
         self.all_dofs, self.address = single_joints(model)
         self._model = bodies
@@ -68,7 +70,7 @@ class Dynamics:
         if self._alone:
             return self._rows(n), bias
         row = np.zeros(speed.shape)
-        row[:, self.dofs] = -ROTOR * self.ratios
+        row[:, self.dofs] = -REGULARISING_INERTIA * self.ratios
         for entry, column, ratio in self._entries:
             row[:, column] += ratio * self._mass[:n, entry]
         return row, bias

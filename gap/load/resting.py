@@ -18,26 +18,28 @@ from ..log.stretches import stretches
 from ..log.types import Array, MeasuredRun
 from .robot import LoggedRobot
 
-RATE = 25.0  # [1/s] at which poses are looked at
-SLOW = (0.1, 0.4)  # [rad/s] below which joints are judged: what a log has enough of, the slower the clearer
-SLIP = 0.05  # [rad/s] over which dry friction turns around
-SINKS = 0.1  # of its reach that a robot sinks in a second at most while it rests
-FLOW = 0.3  # [s] over which a speed is told
-LEVER = 0.01  # [m/rad] from which the height of a body tells of a joint
-NEAR = 0.05  # of the reach of a robot: heights above the lowest one at which it may rest, where its shape is not known
-CLEAR = 0.1  # and above which it certainly does not
-HIGHEST = 0.95  # share of the poses that certainly rest, above whose heights no contact is expected
-THICK = 0.002  # [m] by which it may be higher all the same
-ENOUGH = 8.0  # [s] slow and clear of what is below, in which what holds a joint is seen
-LOWEST = 1e-3  # of all poses, that may be lower than the lowest one: a reading that is none
-USUAL = 0.005  # of these on either side that may be anything
-BEYOND = 0.25  # of the width of what friction holds, by which a push must leave it
-LEAST = 0.005  # [rad] and at least so much: resolution, and what a soft drive leaves
-SHORTEST = 0.2  # [s] of one contact
-TOGETHER = 0.6  # [s] of all
-PAD = 0.1  # [s] around a contact that is left out with it
-PUSHED = 2  # joints at least
-HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+POSE_RATE = 25.0  # [1/s] at which poses are looked at
+SLOW_SPEEDS = (0.1, 0.4)  # [rad/s] below which joints are judged: what a log has enough of, the slower the clearer
+REVERSAL_SPEED = 0.05  # [rad/s] over which dry friction turns around
+MAX_SINKING = 0.1  # of its reach that a robot sinks in a second at most while it rests
+SPEED_SECONDS = 0.3  # [s] over which a speed is told
+MIN_HEIGHT_LEVER = 0.01  # [m/rad] from which the height of a body tells of a joint
+RESTING_HEIGHT_SHARE = (
+    0.05  # of the reach of a robot: heights above the lowest one at which it may rest, where its shape is not known
+)
+CLEAR_HEIGHT_SHARE = 0.1  # and above which it certainly does not
+CONTACT_HEIGHT_QUANTILE = 0.95  # share of the poses that certainly rest, above whose heights no contact is expected
+CONTACT_THICKNESS = 0.002  # [m] by which it may be higher all the same
+MIN_CLEAR_SECONDS = 8.0  # [s] slow and clear of what is below, in which what holds a joint is seen
+WRONG_POSE_SHARE = 1e-3  # of all poses, that may be lower than the lowest one: a reading that is none
+HOLDING_TAIL_SHARE = 0.005  # of these on either side that may be anything
+PUSH_BEYOND_SHARE = 0.25  # of the width of what friction holds, by which a push must leave it
+MIN_PUSH = 0.005  # [rad] and at least so much: resolution, and what a soft drive leaves
+MIN_CONTACT_SECONDS = 0.2  # [s] of one contact
+MIN_RESTING_SECONDS = 0.6  # [s] of all
+CONTACT_MARGIN = 0.1  # [s] around a contact that is left out with it
+MIN_PUSHED_JOINTS = 2  # joints at least
+HINGE_KIND = int(mujoco.mjtJoint.mjJNT_HINGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ def find_resting(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> Resting | N
     model = robot.model
     strength = float(np.linalg.norm(model.opt.gravity))
     joints = _following(robot, runs)
-    if strength == 0.0 or len(joints) < PUSHED or not all(map(robot.turns, range(model.njnt))):
+    if strength == 0.0 or len(joints) < MIN_PUSHED_JOINTS or not all(map(robot.turns, range(model.njnt))):
         return None
     poses = [_poses(robot, run, joints) for run in runs]
     held = np.concatenate([_gravity(model, each.measured) for each in poses])
@@ -99,7 +101,8 @@ def find_resting(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> Resting | N
     for body in _bodies(robot):
         mine, its = [each[body] for each in places], np.concatenate([each[body][0] for each in goals])
         tried = (
-            _on_body(robot, body, joints, poses=poses, held=held, places=mine, goals=its, slow=slow) for slow in SLOW
+            _on_body(robot, body, joints, poses=poses, held=held, places=mine, goals=its, slow=slow)
+            for slow in SLOW_SPEEDS
         )
         found += [each for each in tried if each is not None]
     if not found:
@@ -132,32 +135,32 @@ def _on_body(
     """
     model = robot.model
     height, lever = (np.concatenate(part) for part in zip(*places, strict=True))
-    carrying = {name: dof for name, dof in joints.items() if np.quantile(np.abs(lever[:, dof]), 0.9) > LEVER}
-    if len(carrying) < PUSHED:
+    carrying = {name: dof for name, dof in joints.items() if np.quantile(np.abs(lever[:, dof]), 0.9) > MIN_HEIGHT_LEVER}
+    if len(carrying) < MIN_PUSHED_JOINTS:
         return None
     speed = np.concatenate([each.speed for each in poses])
     judged = np.concatenate([each.on for each in poses])
     judged &= (np.abs(speed[:, list(carrying.values())]) < slow).all(axis=1)
-    hinges = [dof for dof in carrying.values() if int(model.jnt_type[model.dof_jntid[dof]]) == HINGE]
+    hinges = [dof for dof in carrying.values() if int(model.jnt_type[model.dof_jntid[dof]]) == HINGE_KIND]
     reach = float(np.abs(lever[:, hinges]).max()) if hinges else float(np.ptp(height))
-    lowest = float(np.quantile(height, LOWEST))
-    clear = judged & (height > lowest + CLEAR * reach)
+    lowest = float(np.quantile(height, WRONG_POSE_SHARE))
+    clear = judged & (height > lowest + CLEAR_HEIGHT_SHARE * reach)
     period = np.concatenate([np.full(len(each.time), each.period) for each in poses])
-    if period[clear].sum() < ENOUGH:
+    if period[clear].sum() < MIN_CLEAR_SECONDS:
         return None
     error = np.concatenate([each.measured - each.goal for each in poses])
     pushed = np.zeros(len(height), int)
     for dof in carrying.values():
-        moves = np.stack([held[:, dof], speed[:, dof], np.tanh(speed[:, dof] / SLIP)], axis=1)
+        moves = np.stack([held[:, dof], speed[:, dof], np.tanh(speed[:, dof] / REVERSAL_SPEED)], axis=1)
         pushed += _pushed(error[:, dof], moves, lever[:, dof], clear)
     sinks = np.concatenate([_rate(each.time, h) for (h, _), each in zip(places, poses, strict=True)])
-    near = (height < lowest + NEAR * reach) & (goals < height)
-    above = near & (sinks < SINKS * reach)
-    sure = above & judged & (pushed >= PUSHED)
-    if _seconds(_stretches(poses, sure, sure)) < TOGETHER:
+    near = (height < lowest + RESTING_HEIGHT_SHARE * reach) & (goals < height)
+    above = near & (sinks < MAX_SINKING * reach)
+    sure = above & judged & (pushed >= MIN_PUSHED_JOINTS)
+    if _seconds(_stretches(poses, sure, sure)) < MIN_RESTING_SECONDS:
         return None
     # once there is a table, an arm that sags onto it from goals above it rests there as well
-    touches = height < np.quantile(height[sure], HIGHEST) + THICK
+    touches = height < np.quantile(height[sure], CONTACT_HEIGHT_QUANTILE) + CONTACT_THICKNESS
     rests = sure | ((above | touches) & (pushed > 0))
     return Resting(
         model.body(body).name or f"body {body}",
@@ -195,9 +198,9 @@ def _pushed(error: Array, moves: Array, lever: Array, clear: np.ndarray) -> np.n
     """
     rows = np.column_stack([moves, np.ones(len(moves))])
     left = error - rows @ np.linalg.lstsq(rows[clear], error[clear], rcond=None)[0]
-    low, high = np.quantile(left[clear], [USUAL, 1.0 - USUAL])
-    margin = max(BEYOND * (high - low), LEAST)
-    return (np.abs(lever) > LEVER) & np.where(lever > 0.0, left > high + margin, left < low - margin)
+    low, high = np.quantile(left[clear], [HOLDING_TAIL_SHARE, 1.0 - HOLDING_TAIL_SHARE])
+    margin = max(PUSH_BEYOND_SHARE * (high - low), MIN_PUSH)
+    return (np.abs(lever) > MIN_HEIGHT_LEVER) & np.where(lever > 0.0, left > high + margin, left < low - margin)
 
 
 Stretches = dict[str, tuple[tuple[float, float], ...]]
@@ -228,13 +231,16 @@ def _stretches(poses: Sequence[_Poses], rests: np.ndarray, around: np.ndarray) -
 def _spans(time: Array, rests: np.ndarray, around: np.ndarray) -> tuple[tuple[float, float], ...]:
     found: list[tuple[float, float]] = []
     for a, b in stretches(rests):
-        if time[b - 1] - time[a] < SHORTEST:
+        if time[b - 1] - time[a] < MIN_CONTACT_SECONDS:
             continue
         while a > 0 and around[a - 1]:
             a -= 1
         while b < len(time) and around[b]:
             b += 1
-        span = max(float(time[a] - PAD), float(time[0])), min(float(time[b - 1] + PAD), float(time[-1]))
+        span = (
+            max(float(time[a] - CONTACT_MARGIN), float(time[0])),
+            min(float(time[b - 1] + CONTACT_MARGIN), float(time[-1])),
+        )
         if found and span[0] <= found[-1][1]:
             last = found.pop()
             span = min(last[0], span[0]), max(last[1], span[1])
@@ -268,7 +274,7 @@ def _bodies(robot: LoggedRobot) -> list[int]:
 
 
 def _poses(robot: LoggedRobot, run: MeasuredRun, joints: Mapping[str, int]) -> _Poses:
-    every = max(round(1.0 / (RATE * run.period)), 1)
+    every = max(round(1.0 / (POSE_RATE * run.period)), 1)
     time = run.time[::every]
     measured, goal, speed = (np.zeros((len(time), robot.model.nv)) for _ in range(3))
     on = np.ones(len(time), bool)
@@ -276,8 +282,10 @@ def _poses(robot: LoggedRobot, run: MeasuredRun, joints: Mapping[str, int]) -> _
     for name, dof in turning.items():
         log, frame, ratio = run.joints[name], robot.frame(name), robot.ratio(name)
         place = frame.to_model(_whole(run.time, log.position)) / ratio
-        before, measured[:, dof], after = (np.interp(time + side * FLOW, run.time, place) for side in (-0.5, 0.0, 0.5))
-        speed[:, dof] = (after - before) / FLOW
+        before, measured[:, dof], after = (
+            np.interp(time + side * SPEED_SECONDS, run.time, place) for side in (-0.5, 0.0, 0.5)
+        )
+        speed[:, dof] = (after - before) / SPEED_SECONDS
         goal[:, dof] = measured[:, dof]
         if name in joints and log.goal is not None:
             goal[:, dof] = frame.to_model(_whole(run.time, log.goal)[::every]) / ratio

@@ -19,7 +19,7 @@ from ...envs.engine.numbers import RobotError
 from ..log.types import Array, LogError, MeasuredRun
 from .ties import moved_by
 
-KINDS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+SINGLE_COORDINATE_KINDS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class LoggedRobot:
 
     def turns(self, number: int) -> bool:
         """Whether a joint of the model has one coordinate."""
-        return int(self.model.jnt_type[number]) in KINDS
+        return int(self.model.jnt_type[number]) in SINGLE_COORDINATE_KINDS
 
     def slides(self, name: str) -> bool:
         """Whether a joint moves along a line."""

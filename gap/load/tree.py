@@ -20,16 +20,18 @@ from .dynamics import Dynamics, single_joints
 from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_COLUMNS, T_OWN, T_SIZE
 from .ties import Turned, moved_by
 
-NONE = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
-ANGLE = 0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
-FASTER = 0.02  # [rad/s] or [m/s] either side of the measured speed, the same for what a fluid takes
+NO_SAME_FRAME = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
+DERIVATIVE_ANGLE = (
+    0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
+)
+DERIVATIVE_SPEED = 0.02  # [rad/s] or [m/s] either side of the measured speed, the same for what a fluid takes
 # columns of a block
 INERTIA, BIAS, CURVE = E_INERTIA - T_OWN, E_BIAS - T_OWN, E_CURVE - T_OWN
 DRAG, COUPLING = E_DRAG - T_OWN, E_COUPLING - T_OWN
-SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
+PAYLOAD_SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
 NO_LEVER = 1e-6  # [m] from a joint to a centre of mass that lies in its axis
-LIGHT = 1e-9  # [kg] that count as nothing
-SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
+NO_MASS = 1e-9  # [kg] that count as nothing
+CENTRE_SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ def least_payload(model: mujoco.MjModel, tip: Tip) -> float:
     away = tip.point - centre
     across = away @ away * np.eye(3) - np.outer(away, away)
     least = 0.0
-    for taken in np.linspace(0.0, 1.0, SHARES + 1)[1:-1] * mass:
+    for taken in np.linspace(0.0, 1.0, PAYLOAD_SHARES + 1)[1:-1] * mass:
         # of two points of masses m and -p, about their common centre
         left = np.linalg.eigvalsh(inertia - across * mass * taken / (mass - taken))
         if left[0] <= 0.0 or left[0] + left[1] < left[2]:  # no body has such an inertia, and the engine takes none
@@ -134,9 +136,9 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     own = _block(model, joint, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
     if changes:  # of bodies alone: what compensates their weight stays as it was computed
-        further, nearer = (_block(_shifted(model, joint, way * SHIFT), joint, motion) for way in (1.0, -1.0))
+        further, nearer = (_block(_shifted(model, joint, way * CENTRE_SHIFT), joint, motion) for way in (1.0, -1.0))
         rows.append(_block(_payload(model, tip_behind(model, joint)), joint, motion))
-        rows += [(further - nearer) / (2.0 * SHIFT), (further + nearer - 2.0 * own) / (2.0 * SHIFT**2)]
+        rows += [(further - nearer) / (2.0 * CENTRE_SHIFT), (further + nearer - 2.0 * own) / (2.0 * CENTRE_SHIFT**2)]
         rows.append(spin_block(model, joint, motion))
     else:
         rows += [np.zeros_like(own)] * 4
@@ -207,10 +209,10 @@ def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
     torques = np.empty((len(motion.position), 3))
     for k, (row, speed) in enumerate(zip(motion.position, motion.speed, strict=True)):
         data.qpos[address] = row[dofs]
-        torques[k] = [placed(row, speed, way) for way in (ANGLE, 0.0, -ANGLE)]
+        torques[k] = [placed(row, speed, way) for way in (DERIVATIVE_ANGLE, 0.0, -DERIVATIVE_ANGLE)]
         if braked:
-            above, below = (placed(row, speed, 0.0, faster) for faster in (FASTER, -FASTER))
-            out[k, DRAG] += (above - below) / (2.0 * FASTER)
+            above, below = (placed(row, speed, 0.0, faster) for faster in (DERIVATIVE_SPEED, -DERIVATIVE_SPEED))
+            out[k, DRAG] += (above - below) / (2.0 * DERIVATIVE_SPEED)
     above, here, below = torques.T
     out[:, BIAS] += here
     out[:, BIAS + 1], out[:, CURVE] = _derivatives(model, joint, above, here, below)
@@ -230,8 +232,10 @@ def _add_ties(model: mujoco.MjModel, joint: int, motion: Motion, out: Array) -> 
 def _derivatives(model: mujoco.MjModel, joint: int, above: Array, here: Array, below: Array) -> tuple[Array, Array]:
     """Slope and curve of torques (n,) from those either side; of a hinge as of a + b sin(away) + c (1 - cos(away))."""
     if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
-        return (above - below) / (2.0 * ANGLE), np.zeros_like(here)
-    return (above - below) / (2.0 * math.sin(ANGLE)), (above + below - 2.0 * here) / (2.0 * (1.0 - math.cos(ANGLE)))
+        return (above - below) / (2.0 * DERIVATIVE_ANGLE), np.zeros_like(here)
+    return (above - below) / (2.0 * math.sin(DERIVATIVE_ANGLE)), (above + below - 2.0 * here) / (
+        2.0 * (1.0 - math.cos(DERIVATIVE_ANGLE))
+    )
 
 
 def _block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
@@ -246,7 +250,10 @@ def _block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
         part = slice(first, first + dynamics.size)
         position, speed = motion.position[part], motion.speed[part]
         others = motion.acceleration[part] - np.outer(motion.acceleration[part][:, own], together)
-        above, below = (_needed(*dynamics.at(position + way * together, speed), others) for way in (ANGLE, -ANGLE))
+        above, below = (
+            _needed(*dynamics.at(position + way * together, speed), others)
+            for way in (DERIVATIVE_ANGLE, -DERIVATIVE_ANGLE)
+        )
         row, still = dynamics.at(position, speed)
         here = _needed(row, still, others)
         slope, curve = _derivatives(model, joint, above, here, below)
@@ -310,7 +317,7 @@ def without_mass(model: mujoco.MjModel) -> mujoco.MjModel:
     other.body_mass[:] = 0.0
     other.body_inertia[:] = 0.0
     other.body_subtreemass[:] = 0.0
-    other.body_sameframe[:] = NONE
+    other.body_sameframe[:] = NO_SAME_FRAME
     return other
 
 
@@ -321,7 +328,7 @@ def _shifted(model: mujoco.MjModel, joint: int, way: float) -> mujoco.MjModel:
     size = float(np.linalg.norm(arm))
     if size > NO_LEVER:
         other.body_ipos[body] = np.array(model.body_ipos[body]) + way * arm / size
-        other.body_sameframe[body] = NONE
+        other.body_sameframe[body] = NO_SAME_FRAME
     return other
 
 
@@ -340,6 +347,6 @@ def own_lever(model: mujoco.MjModel, joint: int) -> float:
     Also 0 of a slide, whose load no centre of mass changes, and of a body without a name, which cannot be changed.
     """
     body, size = int(model.jnt_bodyid[joint]), float(np.linalg.norm(arm_of(model, joint)))
-    alone = model.body_subtreemass[body] - model.body_mass[body] <= LIGHT or model.body_mass[body] <= LIGHT
+    alone = model.body_subtreemass[body] - model.body_mass[body] <= NO_MASS or model.body_mass[body] <= NO_MASS
     slides = int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE)
     return 0.0 if alone or slides or size < NO_LEVER or not model.body(body).name else size

@@ -12,9 +12,9 @@ from ..log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from ..log.units import factors
 from .robot import LoggedRobot
 
-HINGE: Mapping[str, float] = MappingProxyType(factors("rad", "deg", "turn", "rad/s", "deg/s", "turn/s", "rpm"))
-SLIDE: Mapping[str, float] = MappingProxyType(factors("m", "cm", "mm", "m/s", "mm/s"))
-SHARES: Mapping[str, float] = MappingProxyType({"fraction": 1.0, "percent": 100.0})
+HINGE_UNITS: Mapping[str, float] = MappingProxyType(factors("rad", "deg", "turn", "rad/s", "deg/s", "turn/s", "rpm"))
+SLIDE_UNITS: Mapping[str, float] = MappingProxyType(factors("m", "cm", "mm", "m/s", "mm/s"))
+RANGE_UNITS: Mapping[str, float] = MappingProxyType({"fraction": 1.0, "percent": 100.0})
 """Of the joint's range in the model, from its lower end, with what the whole range is."""
 POSITIONS, SPEEDS = ("position", "goal", "link_position"), ("velocity", "goal_velocity")
 
@@ -60,7 +60,7 @@ def run_in_model_units(
                     factor, zero = scale
                     joints[name] = replace(joints[name], **{signal: factor * getattr(log, signal) + zero})
                     now[column] = unit
-                if here in SHARES and notes is not None:
+                if here in RANGE_UNITS and notes is not None:
                     notes[column] = _share_note(column, here, scale, own)
     return replace(run, joints=joints, meta={**run.meta, "units": now}) if now != said else run
 
@@ -71,17 +71,17 @@ def _own_unit(joint: str, log: JointLog, said: Mapping[str, object], robot: Logg
         return "m" if robot.slides(joint) else "rad"
     signals = [signal for signal in (*POSITIONS, *SPEEDS) if signal in log.signals()]
     words = {str(said.get(f"{joint}.{signal}", said.get(signal))) for signal in signals}
-    return "rad" if words.isdisjoint(SLIDE) else "m"
+    return "rad" if words.isdisjoint(SLIDE_UNITS) else "m"
 
 
 def _scale(
     column: str, here: str, unit: str, run: MeasuredRun, robot: LoggedRobot | None
 ) -> tuple[float, float] | None:
     """Factor and zero that make a column's values those of the model; None of a share whose range nobody can say."""
-    known = HINGE if unit.startswith("rad") else SLIDE
+    known = HINGE_UNITS if unit.startswith("rad") else SLIDE_UNITS
     if here in _names(known, unit):
         return known[here], 0.0
-    if here in SHARES and not unit.endswith("/s"):
+    if here in RANGE_UNITS and not unit.endswith("/s"):
         if robot is None and run.robot not in ROBOTS:  # of such a machine no range is known, and none is needed
             return None
         ends = None if robot is None else robot.ends(column.rpartition(".")[0])
@@ -93,9 +93,9 @@ def _scale(
                 f"{run.name}: units says that {column} is a {here} of the joint's range, and {lacks}; {way} and "
                 "correct the entry."
             )
-        return (ends[1] - ends[0]) / SHARES[here], ends[0]
+        return (ends[1] - ends[0]) / RANGE_UNITS[here], ends[0]
     is_in = "this joint is" if robot is None else "the model has that joint"
-    every = {**HINGE, **SLIDE}
+    every = {**HINGE_UNITS, **SLIDE_UNITS}
     names = _names(known if robot is not None or here in every else every, unit)
     raise LogError(
         f"{run.name}: units says that {column} is in {here}, and {is_in} in {unit}; convert the column to {unit}, and "
@@ -118,7 +118,7 @@ def _share_note(column: str, here: str, scale: tuple[float, float] | None, unit:
             f"joint is in shares, not in {unit}; name the robot's file in the sidecar to have it converted.",
         )  # fmt: skip
     factor, zero = scale
-    end = zero + factor * SHARES[here]
+    end = zero + factor * RANGE_UNITS[here]
     return Finding(
         "unit.share", "note", joint, column,
         f"{column} is a {here}: taken as that share of the joint's range in the model, {zero:.3g} to {end:.3g} {unit}, "

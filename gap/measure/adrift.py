@@ -21,14 +21,14 @@ from ..search.correlated import reading_error, shared
 from ..search.fit import Fit, fit
 from .confidence import Adrift
 
-READ_OVER = 0.03  # [s] over which the speed is read with which a piece begins
-FURTHEST = 3.0  # times their noise, by which a start may be read wrong
-NUDGE = 0.5  # of their noise, by which starts are moved to see what they change
-ROUNDS = 4  # of steps of the starts
-TRIED = (1.0, 0.3, 0.1)  # parts of such a step
-IN_TURN = 12  # times that starts and numbers are fitted in turn, at most
-STALLS = 0.98  # of the error before, which a turn must reach for another one
-ALMOST = 1.5  # noise floors that may be left for the starts to be all that was wrong
+START_SPEED_SECONDS = 0.03  # [s] over which the speed is read with which a piece begins
+MAX_START_ERROR = 3.0  # times their noise, by which a start may be read wrong
+START_NUDGE = 0.5  # of their noise, by which starts are moved to see what they change
+START_ROUNDS = 4  # of steps of the starts
+START_STEP_PARTS = (1.0, 0.3, 0.1)  # parts of such a step
+MAX_START_TURNS = 12  # times that starts and numbers are fitted in turn, at most
+MIN_TURN_GAIN = 0.98  # of the error before, which a turn must reach for another one
+STARTS_ALONE_ERROR = 1.5  # noise floors that may be left for the starts to be all that was wrong
 BIAS, COUPLING = T_OWN + E_BIAS - E_INERTIA, T_OWN + E_COUPLING - E_INERTIA  # columns of the joint's own block
 
 
@@ -89,13 +89,13 @@ def begun_fit(problem: JointProblem, parameters: Sequence[Parameter], found: Fit
         evaluations: iterations of a further one.
     """
     better, last = found, np.inf
-    for _ in range(IN_TURN):
+    for _ in range(MAX_START_TURNS):
         begun = with_starts(problem, better.values)
         left = _rms(begun.position_error(begun.simulate([better.values])[0]))
-        if left > STALLS * last:
+        if left > MIN_TURN_GAIN * last:
             break
         better, last = fit(begun.part(FIT_A, FIT_B), parameters, better.values, evaluations), left
-    return better if last <= ALMOST * problem.noise else found
+    return better if last <= STARTS_ALONE_ERROR * problem.noise else found
 
 
 def with_starts(problem: JointProblem, values: Mapping[str, float]) -> JointProblem:
@@ -104,7 +104,7 @@ def with_starts(problem: JointProblem, values: Mapping[str, float]) -> JointProb
     Each piece has a position and a speed of its own, which cost what they are off by in parts of their noise. Damped
     steps of least squares; a piece takes one where it fits better then.
     """
-    spread = problem.noise * np.array([1.0, 1.0 / READ_OVER])
+    spread = problem.noise * np.array([1.0, 1.0 / START_SPEED_SECONDS])
     rows = [slice(a, b) for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True)]
 
     def errors(moved: np.ndarray) -> np.ndarray:
@@ -118,14 +118,14 @@ def with_starts(problem: JointProblem, values: Mapping[str, float]) -> JointProb
     moved = np.zeros((len(rows), 2))
     here = errors(moved)
     cost = costs(here, moved)
-    for _ in range(ROUNDS):
-        change = np.stack([(errors(moved + NUDGE * way) - here) / NUDGE for way in np.eye(2)], axis=1)
+    for _ in range(START_ROUNDS):
+        change = np.stack([(errors(moved + START_NUDGE * way) - here) / START_NUDGE for way in np.eye(2)], axis=1)
         step = np.zeros_like(moved)
         for k, piece in enumerate(rows):
             gram = change[piece].T @ change[piece] + np.eye(2)
             step[k] = -np.linalg.solve(gram, change[piece].T @ here[piece] + moved[k])
-        for part in TRIED:
-            trial = np.clip(moved + part * step, -FURTHEST, FURTHEST)
+        for part in START_STEP_PARTS:
+            trial = np.clip(moved + part * step, -MAX_START_ERROR, MAX_START_ERROR)
             there = errors(trial)
             better = costs(there, trial)
             for k in np.flatnonzero(better < cost):

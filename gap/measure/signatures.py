@@ -20,9 +20,9 @@ from ..replay.problem import Problem
 from ..search.settings import threshold
 
 AGREES, SILENT, DISAGREES = "agrees", "silent", "disagrees"
-SINCE = 0.15  # [s] after the drive pushes the other way in which play shows
-SHORTEST = 60  # samples of a piece, those that are judged
-COAST = 0.1  # [s] with the drive off from which a joint coasts
+PLAY_SECONDS = 0.15  # [s] after the drive pushes the other way in which play shows
+MIN_PIECE_SAMPLES = 60  # samples of a piece, those that are judged
+MIN_COAST_SECONDS = 0.1  # [s] with the drive off from which a joint coasts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class SignatureLimits:
     fewest: int = threshold(5, "Least number of pieces of a log for which the spread can be estimated.")
 
 
-LIMITS = SignatureLimits()
+SIGNATURE_LIMITS = SignatureLimits()
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,11 @@ def coasted(piece: Piece) -> float:
     ways = []
     for a, b in zip(ends[::2], ends[1::2], strict=True):
         last = b - 1
-        if piece.time[last] - piece.time[a] >= COAST and piece.judged[a] and abs(piece.speed[a]) > 3.0 * piece.slow:
+        if (
+            piece.time[last] - piece.time[a] >= MIN_COAST_SECONDS
+            and piece.judged[a]
+            and abs(piece.speed[a]) > 3.0 * piece.slow
+        ):
             ways.append(float(np.sign(piece.speed[a]) * (piece.error[last] - piece.error[a])))
     return float(np.mean(ways)) if ways else float("nan")
 
@@ -176,7 +180,7 @@ def _after_unloading(piece: Piece) -> float:
     turns = np.flatnonzero(np.diff(np.sign(piece.duty)) != 0) + 1
     soon = np.zeros(len(piece.time), bool)
     for turn in turns:
-        soon[turn : int(np.searchsorted(piece.time, piece.time[turn] + SINCE))] = True
+        soon[turn : int(np.searchsorted(piece.time, piece.time[turn] + PLAY_SECONDS))] = True
     soon, rest = piece.judged & soon, piece.judged & ~soon
     if soon.sum() < 20 or rest.sum() < 20:
         return float("nan")
@@ -219,10 +223,10 @@ def signatures(key: str, problem: Problem, tuned: np.ndarray, extended: np.ndarr
     for name, unit, feature in FEATURES[key]:
         before, after = (np.array([feature(piece) for piece in of]) for of in pieces)
         good = np.isfinite(before) & np.isfinite(after)
-        if good.sum() < LIMITS.fewest:
+        if good.sum() < SIGNATURE_LIMITS.fewest:
             continue
-        least = {"s": LIMITS.least_lag, "s/rad": LIMITS.least_duty}.get(
-            unit, LIMITS.least_angle / float(problem.weight[0])
+        least = {"s": SIGNATURE_LIMITS.least_lag, "s/rad": SIGNATURE_LIMITS.least_duty}.get(
+            unit, SIGNATURE_LIMITS.least_angle / float(problem.weight[0])
         )
         unit = problem.free_joint.models[0].axis.unit(unit)
         found.append(_judged(name, unit, before[good], after[good], least))
@@ -233,14 +237,14 @@ def _judged(name: str, unit: str, before: np.ndarray, after: np.ndarray, least: 
     (nominal, nominal_error), (extended, extended_error) = (
         (float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))) for values in (before, after)
     )
-    speaks = abs(nominal) > max(LIMITS.sure * nominal_error, least)
-    detectable = max(LIMITS.sure * extended_error, least)
-    stays = speaks and abs(extended) > max(detectable, LIMITS.hardly * abs(nominal))
-    moved_away = not speaks and abs(extended) > LIMITS.away * max(detectable, abs(nominal))
+    speaks = abs(nominal) > max(SIGNATURE_LIMITS.sure * nominal_error, least)
+    detectable = max(SIGNATURE_LIMITS.sure * extended_error, least)
+    stays = speaks and abs(extended) > max(detectable, SIGNATURE_LIMITS.hardly * abs(nominal))
+    moved_away = not speaks and abs(extended) > SIGNATURE_LIMITS.away * max(detectable, abs(nominal))
     verdict = SILENT
     if stays or moved_away:
         verdict = DISAGREES
-    elif speaks and abs(extended) < max(detectable, LIMITS.close * abs(nominal)):
+    elif speaks and abs(extended) < max(detectable, SIGNATURE_LIMITS.close * abs(nominal)):
         verdict = AGREES
     return Signature(name, unit, nominal, extended, nominal_error, extended_error, verdict)
 
@@ -255,7 +259,7 @@ def _pieces(problem: Problem, channels: np.ndarray) -> list[Piece]:
     pieces = []
     for a, b in itertools.pairwise(problem.starts):
         time, position = problem.time[a:b], problem.measured[a:b, 0]
-        if min(b - a, int(problem.judged[a:b].sum())) < SHORTEST or not np.isfinite(position).all():
+        if min(b - a, int(problem.judged[a:b].sum())) < MIN_PIECE_SAMPLES or not np.isfinite(position).all():
             continue
         _, speed, acceleration = derivatives(time, position)
         slow = max(0.05 * float(np.quantile(np.abs(speed), 0.99)), 1e-6)

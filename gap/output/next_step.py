@@ -14,7 +14,7 @@ from ...common.errors import SealegsError
 from ...envs.described.robot_file import is_robot_file
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
-from ..experiment.proposal import REPEATS, SHOWS
+from ..experiment.proposal import EXPERIMENT_REPEATS, VISIBLE_DIFFERENCE
 from ..load.efforts import EFFORTS, predicted
 from ..log.sidecar import read_sidecar
 from ..replay.tree import HELD
@@ -24,8 +24,8 @@ from .document import overall, to_document
 
 BENCH = "bench"
 RUN = (
-    f"Run the proposed experiment {REPEATS} times, with hw= and port= of these servos, and diagnose its logs together "
-    "with the old ones:"
+    f"Run the proposed experiment {EXPERIMENT_REPEATS} times, with hw= and port= of these servos, and diagnose its "
+    "logs together with the old ones:"
 )
 SETTLED = "No further experiment would tell more."
 REFITTED = (
@@ -101,7 +101,7 @@ def _by_torque(diagnosis: JointDiagnosis) -> bool:
 def tells(diagnosis: JointDiagnosis) -> bool:
     """Whether the proposed experiment tells its rivals apart at all."""
     experiment = diagnosis.experiment
-    return experiment is not None and experiment.separation >= SHOWS
+    return experiment is not None and experiment.separation >= VISIBLE_DIFFERENCE
 
 
 def experiment_command(goals: Path, logs: Path | None = None) -> str:

@@ -10,7 +10,7 @@ from ...common.errors import nearest
 from ...envs.described.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
 from ..checks.data_set import check_set, corrected, merged, unusable
-from ..checks.motion import LARGEST_ANGLE
+from ..checks.motion import MAX_STOPPED_ANGLE
 from ..checks.off import released
 from ..checks.signal import quantisation_step
 from ..load.robot import Machine
@@ -21,12 +21,14 @@ from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot, commanded
 from .whole_goals import TAKEN, with_whole_goals
 
-MISTYPED = 0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
-TURNS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
+ROBOT_NAME_LIKENESS = (
+    0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
+)
+TURN_IN_UNITS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
 """A whole turn in each unit of an angle."""
-BITS = (8, 24)  # of an encoder: its steps are a turn by a power of two
-EXACT = 1e-3  # of a bit, which a number of steps may be off a power of two
-ALIKE = 2.0  # ratio of two ways up to which they are of one motion in one unit
+ENCODER_BITS = (8, 24)  # of an encoder: its steps are a turn by a power of two
+BIT_TOLERANCE = 1e-3  # of a bit, which a number of steps may be off a power of two
+SAME_WAY_RATIO = 2.0  # ratio of two ways up to which they are of one motion in one unit
 OTHER_UNITS = ("unit.degrees", "unit.ticks", "unit.millimetres", "unit.length")
 """Findings that a position or goal is in another unit than the model's."""
 
@@ -34,7 +36,7 @@ OTHER_UNITS = ("unit.degrees", "unit.ticks", "unit.millimetres", "unit.length")
 def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
     """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
     robot = data.runs[0].robot
-    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, MISTYPED)):
+    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, ROBOT_NAME_LIKENESS)):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     logged = Machine.of(data.runs).robot
     of_joints: list[Finding] = []
@@ -123,13 +125,18 @@ def _check_steps(run: MeasuredRun, converted: dict[str, str]) -> None:
     """Refuse a column whose encoder makes its steps in another unit than ``units`` says."""
     for column, word in converted.items():
         joint, _, signal = column.rpartition(".")
-        step = quantisation_step(run.joints[joint].signals()[signal]) if word in TURNS else 0.0
-        bits = {unit: float(np.log2(turn / step)) for unit, turn in TURNS.items()} if step > 0.0 else {}
-        fits = [unit for unit, n in bits.items() if BITS[0] <= n <= BITS[1] and abs(n - round(n)) < EXACT]
+        step = quantisation_step(run.joints[joint].signals()[signal]) if word in TURN_IN_UNITS else 0.0
+        bits = {unit: float(np.log2(turn / step)) for unit, turn in TURN_IN_UNITS.items()} if step > 0.0 else {}
+        fits = [
+            unit
+            for unit, n in bits.items()
+            if ENCODER_BITS[0] <= n <= ENCODER_BITS[1] and abs(n - round(n)) < BIT_TOLERANCE
+        ]
         if fits and word not in fits:
             raise LogError(
                 f"{run.name}: units says that {column} is in {word}, and it is in {fits[0]}: its step of {step:.4g} is "
-                f"a whole turn of {TURNS[fits[0]]:.4g} divided by {2 ** round(bits[fits[0]])}; correct the entry."
+                f"a whole turn of {TURN_IN_UNITS[fits[0]]:.4g} divided by {2 ** round(bits[fits[0]])}; correct the "
+                "entry."
             )
 
 
@@ -146,7 +153,7 @@ def _check_ways(run: MeasuredRun, now: MeasuredRun, converted: dict[str, str]) -
         other = "goal" if one == ["position"] else "position"
         mine = now.joints[joint]
         assert mine.goal is not None
-        small = float(np.quantile(np.abs(log.signals()[other]), 0.98)) < 0.5 * LARGEST_ANGLE
+        small = float(np.quantile(np.abs(log.signals()[other]), 0.98)) < 0.5 * MAX_STOPPED_ANGLE
         if small and _move_alike(log.position, log.goal) and not _move_alike(mine.position, mine.goal):
             raise LogError(
                 f"{run.name}: units says that {names[one[0]]} is in {converted[names[one[0]]]}, and as they were "
@@ -157,7 +164,7 @@ def _check_ways(run: MeasuredRun, now: MeasuredRun, converted: dict[str, str]) -
 def _move_alike(one: Array, other: Array) -> bool:
     """Whether two columns go about equally far."""
     ways = float(np.ptp(one)), float(np.ptp(other))
-    return max(ways) < ALIKE * min(ways)
+    return max(ways) < SAME_WAY_RATIO * min(ways)
 
 
 def _check_said(findings: list[Finding], converted: dict[str, dict[str, str]]) -> None:

@@ -10,7 +10,7 @@ from ..load.robot import LoggedRobot
 from ..log.finding import Finding
 from ..log.types import COMMANDS, TOLD, LogError, MeasuredRun
 
-LEAST = 30  # samples of a run of a robot: of fewer no derivative and no piece to judge on is left
+MIN_ROBOT_SAMPLES = 30  # samples of a run of a robot: of fewer no derivative and no piece to judge on is left
 
 
 def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding]:
@@ -20,10 +20,10 @@ def check_robot(runs: Sequence[MeasuredRun], robot: LoggedRobot) -> list[Finding
         SealegsError: a run does not fit the robot, or is too short.
     """
     for run in runs:
-        if len(run.time) < LEAST:
+        if len(run.time) < MIN_ROBOT_SAMPLES:
             raise LogError(
-                f"{run.name} has {len(run.time)} samples, and a diagnosis of a robot needs {LEAST} at least; record "
-                "some 20 s, or leave the run out."
+                f"{run.name} has {len(run.time)} samples, and a diagnosis of a robot needs {MIN_ROBOT_SAMPLES} at "
+                "least; record some 20 s, or leave the run out."
             )
         joints_known(run, robot, commanded([run]))
     note = uncommanded(runs, robot)

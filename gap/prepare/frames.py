@@ -32,11 +32,13 @@ from ..search.structure import listed
 from .columns import commanded
 from .pieces import chain_of, cut_joint, nominal_replays
 
-HALVED = 0.5  # of the mean squared error of one joint's nominal replay, to which frames must bring it to be taken
-WORSE = 1.2  # times that error, to which it may rise at other joints, and of this joint in any run
-ASKED = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
-REFINED = 3  # times that the zeros of taken frames are fitted, each in the light of the others
-SETTLED = 1e-3  # [rad] by which none moves any more
+TAKEN_ERROR_RATIO = (
+    0.5  # of the mean squared error of one joint's nominal replay, to which frames must bring it to be taken
+)
+OTHERS_ERROR_RATIO = 1.2  # times that error, to which it may rise at other joints, and of this joint in any run
+PLAINER_ERROR_RATIO = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
+ZERO_ROUNDS = 3  # times that the zeros of taken frames are fitted, each in the light of the others
+SETTLED_ZERO = 1e-3  # [rad] by which none moves any more
 ZERO, OFFSET, GAIN = "sensor.offset", "encoder.offset", "drive.gain"
 DOUBTED = "robot.frame"
 """Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
@@ -203,7 +205,7 @@ def _as_replayed(machine: Machine, compared: Compared) -> Trial:
     first, *others = (Trial(proposed, _missed(machine.in_frames(proposed.frames))) for proposed in compared.proposed)
     chosen = first
     for other in others:
-        if _together(other.missed) <= ASKED * _together(chosen.missed):  # not where a replay diverged
+        if _together(other.missed) <= PLAINER_ERROR_RATIO * _together(chosen.missed):  # not where a replay diverged
             chosen = other
     return chosen
 
@@ -216,14 +218,14 @@ def _refined(machine: Machine, robot: LoggedRobot, trial: Trial) -> Trial:
     sought = [name for name, frame in frames.items() if frame.zero != robot.frame(name).zero]
     if not sought:
         return trial
-    for _ in range(REFINED):
+    for _ in range(ZERO_ROUNDS):
         framed = machine.in_frames(frames)
         moved = {name: _offset(framed, name) for name in sought}
         frames |= {name: replace(frames[name], zero=frames[name].zero + moved[name]) for name in sought}
-        if max(map(abs, moved.values())) < SETTLED:
+        if max(map(abs, moved.values())) < SETTLED_ZERO:
             break
     fitted = Trial(replace(trial.proposed, frames=frames), _missed(machine.in_frames(frames)))
-    return fitted if ASKED * _together(fitted.missed) < _together(trial.missed) else trial
+    return fitted if PLAINER_ERROR_RATIO * _together(fitted.missed) < _together(trial.missed) else trial
 
 
 def _offset(machine: Machine, joint: str) -> float:
@@ -266,11 +268,11 @@ def _nearer(before: Missed, after: Missed) -> bool:
     def whole(missed: Missed, joint: str) -> float:
         return sum(run[joint] for run in missed)
 
-    if any(whole(after, joint) > WORSE * whole(before, joint) for joint in joints):
+    if any(whole(after, joint) > OTHERS_ERROR_RATIO * whole(before, joint) for joint in joints):
         return False
     return any(
-        whole(after, joint) < HALVED * whole(before, joint)
-        and all(now[joint] <= WORSE * then[joint] for then, now in zip(before, after, strict=True))
+        whole(after, joint) < TAKEN_ERROR_RATIO * whole(before, joint)
+        and all(now[joint] <= OTHERS_ERROR_RATIO * then[joint] for then, now in zip(before, after, strict=True))
         for joint in joints
     )
 

@@ -30,7 +30,7 @@ from ..replay.tree import held_still, held_terms, joint_of_tree, motion_of, not_
 from ..search.structure import fine
 from .columns import commanded
 
-PRECISION = 1e-4  # of a joint's motion, to which no rigid model of a robot is right: assumed
+MODEL_PRECISION = 1e-4  # of a joint's motion, to which no rigid model of a robot is right: assumed
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def cut_joint(machine: Machine, joint: str, test_group: str | None, more: Sequen
             for run, chain in zip(runs, chains, strict=True)
         ]
     logged = float(np.median([noise_floor(run, joint) for run in runs]))
-    noise = max(logged, PRECISION * models[0].axis.span)
+    noise = max(logged, MODEL_PRECISION * models[0].axis.span)
     if noise > logged:
         findings.append(_finer(joint, noise, models[0].axis.unit("rad")))
     along = None
@@ -208,5 +208,5 @@ def _finer(joint: str, noise: float, unit: str) -> Finding:
     return Finding(
         "noise.finer", "note", joint, f"{joint}.position",
         f"{joint}.position is finer than models of machines are: errors below {fine(noise, unit, 3)} "
-        f"({PRECISION:g} of the motion, assumed) count as noise.",
+        f"({MODEL_PRECISION:g} of the motion, assumed) count as noise.",
     )  # fmt: skip

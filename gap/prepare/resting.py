@@ -23,8 +23,8 @@ TOUCHES = "robot.touches"
 """Code of the finding that the robot touches the scene of its own file."""
 RESTS = "robot.rests"
 """Code of the finding that the robot rests on something level."""
-LEFT = 0.4  # of what is judged of a joint, that must be left without the contacts
-LISTED = 4  # contacts that are said with their times
+MIN_JUDGED_SHARE = 0.4  # of what is judged of a joint, that must be left without the contacts
+MAX_TOLD_CONTACTS = 4  # contacts that are said with their times
 
 
 def without_rests(
@@ -107,7 +107,7 @@ def _enough(runs: Sequence[MeasuredRun], marked: Sequence[MeasuredRun], joint: s
     if any(joint not in run.joints for run in runs):
         return True  # it is not diagnosed
     before, after = (_judged(each, joint, test_group) for each in (runs, marked))
-    return all(after.get(part, 0.0) >= LEFT * seconds for part, seconds in before.items())
+    return all(after.get(part, 0.0) >= MIN_JUDGED_SHARE * seconds for part, seconds in before.items())
 
 
 def _judged(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> dict[int, float]:
@@ -122,8 +122,8 @@ def _judged(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> 
 
 def _finding(resting: Resting, runs: Sequence[MeasuredRun], *, left_out: bool) -> Finding:
     every = [(run.name, a, b) for run in runs for a, b in resting.stretches.get(run.name, ())]
-    said = "; ".join(f"{name} {a:.1f} to {b:.1f} s" for name, a, b in every[:LISTED])
-    more = f"; and {len(every) - LISTED} more" if len(every) > LISTED else ""
+    said = "; ".join(f"{name} {a:.1f} to {b:.1f} s" for name, a, b in every[:MAX_TOLD_CONTACTS])
+    more = f"; and {len(every) - MAX_TOLD_CONTACTS} more" if len(every) > MAX_TOLD_CONTACTS else ""
     done = f"These stretches are left out at {listed(resting.joints)}."
     if not left_out:
         done = (

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..checks.recording import MOMENT, a_moment_tells
+from ..checks.recording import DRIVE_LOOP_PERIOD, a_moment_tells
 from ..log.torque_side import SURE, numbers_and_spread
 from ..log.types import Array
 from .driven import DrivenProblem, with_shown_side
@@ -76,5 +76,8 @@ def _shows(problem: DrivenProblem) -> bool:
 
 def _with_goals_before(problem: DrivenProblem) -> DrivenProblem:
     """The problem whose columns are read a moment before the goals of their rows act."""
-    late = [model.with_values({"delay.seconds": model.value("delay.seconds") + MOMENT}) for model in problem.models]
+    late = [
+        model.with_values({"delay.seconds": model.value("delay.seconds") + DRIVE_LOOP_PERIOD})
+        for model in problem.models
+    ]
     return replace(problem, models=tuple(late))

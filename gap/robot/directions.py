@@ -15,17 +15,17 @@ import mujoco
 import numpy as np
 
 from ..load.robot import LoggedRobot
-from ..load.tree import NONE, Motion, block_along, carries, least_payload, tip_behind
+from ..load.tree import NO_SAME_FRAME, Motion, block_along, carries, least_payload, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..search.settings import DEFAULT
 
 ABOUT_JOINTS = "robot.about_joints"
 """Number that says how much of mass times distance squared the file's inertias have too much."""
-RATE = 200.0  # [Hz] at which rows are computed; between them they are straight lines
-SHIFT = 1e-3  # [m] and
-TILT = 0.02  # [rad] over which derivatives are taken
-TILTS = tuple(Parameter(f"base.tilt_{axis}", "rad", -0.5, 0.5, 0.0, 0.01) for axis in "xy")
+ROW_RATE = 200.0  # [Hz] at which rows are computed; between them they are straight lines
+DERIVATIVE_SHIFT = 1e-3  # [m] and
+DERIVATIVE_TILT = 0.02  # [rad] over which derivatives are taken
+TILT_PARAMETERS = tuple(Parameter(f"base.tilt_{axis}", "rad", -0.5, 0.5, 0.0, 0.01) for axis in "xy")
 """How far the base is tilted about either axis."""
 
 
@@ -68,7 +68,7 @@ def rows_of(
     before, after, by = direction.change()
     found = []
     for run, whole in zip(runs, motions, strict=True):
-        every = max(round(1.0 / (RATE * run.period)), 1)
+        every = max(round(1.0 / (ROW_RATE * run.period)), 1)
         at = np.unique(np.append(np.arange(0, len(run.time), every), len(run.time) - 1))
         motion = Motion(whole.position[at], whole.speed[at], whole.acceleration[at])
         rows = block_along(after, number, motion, sign)
@@ -125,11 +125,14 @@ def _centre(model: mujoco.MjModel, body: int, name: str, axis: int) -> Direction
 
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
         ends = []
-        for way in (-SHIFT, SHIFT):  # to both sides: the effect of a shift on inertia is quadratic
+        for way in (
+            -DERIVATIVE_SHIFT,
+            DERIVATIVE_SHIFT,
+        ):  # to both sides: the effect of a shift on inertia is quadratic
             ends.append(_uncompensated(model))
             ends[-1].body_ipos[body, axis] += way
-            ends[-1].body_sameframe[body] = NONE
-        return ends[0], ends[1], 2.0 * SHIFT
+            ends[-1].body_sameframe[body] = NO_SAME_FRAME
+        return ends[0], ends[1], 2.0 * DERIVATIVE_SHIFT
 
     parameter = Parameter(f"body.{name}.{key}", "m", -0.15, 0.15, 0.0, 0.005)
     return Direction(parameter, 0.0, change, (name,), f"body.{key}")
@@ -144,11 +147,11 @@ def _tilt(model: mujoco.MjModel, axis: int) -> Direction:
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
         before, other = _uncompensated(model), _uncompensated(model)
         x, y, z = (float(part) for part in model.opt.gravity)
-        c, s = math.cos(TILT), math.sin(TILT)
+        c, s = math.cos(DERIVATIVE_TILT), math.sin(DERIVATIVE_TILT)
         other.opt.gravity[:] = (x, c * y + s * z, c * z - s * y) if axis == 0 else (c * x - s * z, y, s * x + c * z)
-        return before, other, TILT
+        return before, other, DERIVATIVE_TILT
 
-    return Direction(TILTS[axis], 0.0, change, ("base",), f"tilt_{'xy'[axis]}")
+    return Direction(TILT_PARAMETERS[axis], 0.0, change, ("base",), f"tilt_{'xy'[axis]}")
 
 
 def about_joints(robot: LoggedRobot) -> Direction | None:
@@ -222,7 +225,7 @@ def _uncompensated(model: mujoco.MjModel) -> mujoco.MjModel:
 def _empty(model: mujoco.MjModel) -> mujoco.MjModel:
     """The robot without any mass, and without springs, armature and damping of its joints, which are no body's."""
     other = _uncompensated(model)
-    other.body_sameframe[:] = NONE
+    other.body_sameframe[:] = NO_SAME_FRAME
     other.dof_armature[:] = other.dof_damping[:] = 0.0
     other.jnt_stiffness[:] = other.jnt_stiffnesspoly[:] = 0.0
     other.opt.density = other.opt.viscosity = 0.0  # what a fluid takes hangs on shapes, not on masses

@@ -29,17 +29,17 @@ from ..verdict.verdict import JointDiagnosis
 from .directions import rows_of, tilt
 from .joints import Again, Joints, joints_of
 from .problem import RobotModel, RobotProblem
-from .search import LOADS, laid
+from .search import LOAD_CAUSES, laid
 
 ENCODERS = ("sensor.offset", "sensor.scale")
-TILT = "load.tilt"
-MISREAD = "robot.encoder"
+TILT_CAUSE = "load.tilt"
+MISREAD_CODE = "robot.encoder"
 """Code of the finding that says with which encoder of another joint a joint is judged."""
-EITHER = "robot.encoder_or_tilt"
+EITHER_CODE = "robot.encoder_or_tilt"
 """Code of the finding that says that a tilted base does the same as the encoder of a joint."""
-ALIKE = 0.05  # of the loss by which two explanations must differ to be told apart: assumed
-CHANGED = 0.02  # of its loss, from which a joint is judged again: assumed
-STEPS = 6  # of a fit whose numbers are known to within a little
+INDISTINCT_LOSS_SHARE = 0.05  # of the loss by which two explanations must differ to be told apart: assumed
+REJUDGED_LOSS_SHARE = 0.02  # of its loss, from which a joint is judged again: assumed
+MAX_FIT_STEPS = 6  # of a fit whose numbers are known to within a little
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,16 @@ def in_light(
         losses = {joint: weighed.with_encoder(e) for joint, e in suspects.items() if joint in joints.problems}
         joint = min(losses, key=losses.__getitem__)
         level = weighed.with_tilt()
-        if level < (1.0 - ALIKE) * losses[joint]:
+        if level < (1.0 - INDISTINCT_LOSS_SHARE) * losses[joint]:
             return replace(light, tilted=True)
-        light = _judged(light, weighed, suspects[joint], again, request, either=level < (1.0 + ALIKE) * losses[joint])
+        light = _judged(
+            light,
+            weighed,
+            suspects[joint],
+            again,
+            request,
+            either=level < (1.0 + INDISTINCT_LOSS_SHARE) * losses[joint],
+        )
         kept.add(joint)
     return light
 
@@ -194,17 +201,17 @@ class _Weighed:
         numbers = {name: self._numbers(name) for name in self.problems}
         tuned = [p.of_joint(name) for name, mine in numbers.items() for p in mine]
         start = {f"{name}{BAR}{path}": x for name in numbers for path, x in middle(*self.searches[name].fits).items()}
-        found = fit(problem, [*(d.parameter for d in directions), *tuned], start, STEPS)
+        found = fit(problem, [*(d.parameter for d in directions), *tuned], start, MAX_FIT_STEPS)
         return float(problem.block_errors(found.simulated).sum())
 
     def _numbers(self, joint: str) -> list[Parameter]:
         search = self.searches[joint]
-        kept = [c.variant for c in search.accepted if c.cause.name not in (*ENCODERS, *LOADS)]
+        kept = [c.variant for c in search.accepted if c.cause.name not in (*ENCODERS, *LOAD_CAUSES)]
         return merge(search.tuned, *kept)
 
     def _loss(self, joint: str, numbers: Sequence[Parameter], problem: JointProblem | None = None) -> float:
         replayed = problem or self.problems[joint]
-        found = fit(replayed, numbers, middle(*self.searches[joint].fits), STEPS)
+        found = fit(replayed, numbers, middle(*self.searches[joint].fits), MAX_FIT_STEPS)
         return float(replayed.block_errors(found.simulated).sum())
 
 
@@ -220,15 +227,18 @@ def _judged(
         own = slice(T_OWN, T_OWN + T_SIZE)
         more = [a[:, own] - b[:, own] for a, b in zip(others.terms[name], weighed.terms[name], strict=True)]
         rows[name] = [x + y for x, y in zip(rows[name], more, strict=True)] if name in rows else more
-        if abs(loss - weighed.plain[name]) > CHANGED * weighed.plain[name] or named[name] & {*ENCODERS, *LOADS}:
+        if abs(loss - weighed.plain[name]) > REJUDGED_LOSS_SHARE * weighed.plain[name] or named[name] & {
+            *ENCODERS,
+            *LOAD_CAUSES,
+        }:
             sentence = f"'{name}' is judged with the encoder of '{encoder.joint}' as it was found: {said}."
-            asked[name] = rows[name], Finding(MISREAD, "note", name, None, sentence)
+            asked[name] = rows[name], Finding(MISREAD_CODE, "note", name, None, sentence)
     if either:
         sentence = (
             f"A base that is tilted would explain all joints as well as the encoder of '{encoder.joint}' does; stand "
             "the robot level with a spirit level, or log it once more with its base turned."
         )
-        asked[encoder.joint] = rows.get(encoder.joint), Finding(EITHER, "note", encoder.joint, None, sentence)
+        asked[encoder.joint] = rows.get(encoder.joint), Finding(EITHER_CODE, "note", encoder.joint, None, sentence)
     if asked:
         request.progress(f"judging {', '.join(asked)} in the light of the encoder of {encoder.joint}")
     now = {d.joint: d for d in (again(asked) if asked else ())}
@@ -237,12 +247,12 @@ def _judged(
 
 def beside_tilt(measured: Measured, findings: Sequence[Finding]) -> Measured:
     """What was measured of a joint, its encoder's causes one of two where a tilted base would do as well."""
-    if all(finding.code != EITHER for finding in findings):
+    if all(finding.code != EITHER_CODE for finding in findings):
         return measured
     causes = []
     for cause in measured.causes:
         if cause.name in ENCODERS:
-            sure, rivals = THRESHOLDS.at_bound * cause.confidence, (*cause.rivals, TILT)
+            sure, rivals = THRESHOLDS.at_bound * cause.confidence, (*cause.rivals, TILT_CAUSE)
             cause = replace(cause, confidence=sure, rivals=rivals, standing=standing(sure, rivals))
         causes.append(cause)
     return replace(measured, causes=tuple(causes))

@@ -20,11 +20,11 @@ from ..replay.parameters import address
 from ..replay.problem import NOISE_FLOORS, Problem, rows_of
 from ..search.correlated import excess
 
-SMOOTHING = 0.03
+SMOOTHING_LEFT = 0.03
 """What is left, of a number, of the smoothing of measured accelerations: 1 to 4 % on steps of an independent arm."""
 
 
-MOST_KEPT = 2**27
+MAX_KEPT_BYTES = 2**27
 """Bytes of replays that are kept for the next fit."""
 Own = tuple[tuple[str, float], ...]
 """Numbers of one joint by path, without its name."""
@@ -76,7 +76,7 @@ class Replays(dict[tuple[Any, ...], Array]):
         """Drop those that were not asked for for the longest time, beyond what memory may hold."""
         held = sum(row.nbytes for row in self.values())
         for asked in list(self):
-            if held <= MOST_KEPT:
+            if held <= MAX_KEPT_BYTES:
                 return
             held -= self.pop(asked).nbytes
 
@@ -276,7 +276,7 @@ class RobotProblem(Problem):
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""
         del path
-        return SMOOTHING
+        return SMOOTHING_LEFT
 
 
 def _unit(joints: Mapping[str, JointProblem]) -> str:

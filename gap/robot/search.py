@@ -32,9 +32,9 @@ from .problem import RobotModel, RobotProblem
 
 ROBOT = "robot"
 """What stands in the place of a joint's name for what joints share."""
-LOADS = ("load.mass", "load.inertia", "load.centre_of_mass")
+LOAD_CAUSES = ("load.mass", "load.inertia", "load.centre_of_mass")
 """Causes of a joint that may be a part of what the robot has."""
-PLAIN = ("friction.coulomb", "friction.viscous")
+PLAIN_FRICTIONS = ("friction.coulomb", "friction.viscous")
 """Friction that every joint has."""
 
 
@@ -96,7 +96,7 @@ def affected(named: Mapping[str, Iterable[str]], noticed: Mapping[str, bool]) ->
         named: causes of each joint.
         noticed: whether its errors have structure that none of them explains.
     """
-    return any(noticed.values()) or any(name in LOADS for names in named.values() for name in names)
+    return any(noticed.values()) or any(name in LOAD_CAUSES for names in named.values() for name in names)
 
 
 def search_shared(
@@ -154,7 +154,7 @@ def search_shared(
     )
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem.of(dict(problems), tables, (model,))
-    own = {joint: _own(found, (*LOADS, *apart)) for joint, found in searches.items()}
+    own = {joint: _own(found, (*LOAD_CAUSES, *apart)) for joint, found in searches.items()}
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
     rotors = {joint: _rotor(problem) for joint, problem in problems.items()}
     # each joint's own search has been there: sixty numbers take long from anywhere else
@@ -192,7 +192,7 @@ def _own(search: Search, apart: Sequence[str]) -> list[Parameter]:
 def _friction(problem: JointProblem, search: Search) -> list[Parameter]:
     """What is tuned anyway and plain friction, which every joint has, in place of what its own search named."""
     nominal = problem.models[0]
-    plain = [ENTRIES[name] for name in PLAIN if ENTRIES[name].applies(nominal)]
+    plain = [ENTRIES[name] for name in PLAIN_FRICTIONS if ENTRIES[name].applies(nominal)]
     return merge(search.tuned, *(entry.cause(nominal).variants[0] for entry in plain))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..causes.contact import STOPS
-from ..checks.stops import GIVES, follows
+from ..checks.stops import STOP_FOLLOWING, follows
 from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Parameter
 
@@ -67,7 +67,7 @@ def _loaded(problem: JointProblem, acts: np.ndarray) -> bool:
     And the joint does not follow them.
     """
     position = problem.measured[:, problem.channels.index("position")]
-    if follows(problem.goal[acts], position[acts]) > GIVES:
+    if follows(problem.goal[acts], position[acts]) > STOP_FOLLOWING:
         return False
     run = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))
     judged = [problem.judged & (run == each) for each in np.unique(run[acts])]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..checks.torque_balance import FURTHEST
+from ..checks.torque_balance import MAX_SHIFT
 from ..measure.confidence import Thresholds
 from ..measure.named import ONE_OF_SEVERAL
 from .evidence import Balanced
@@ -64,6 +64,6 @@ def balanced(found: Balanced, limit: Thresholds) -> Verdict:
 def _out_of_step(found: Balanced) -> str:
     """By how much the torque column is; its interval goes beyond all that is tried where that is the least."""
     delay = next((c.parameters[SHIFT] for c in found.causes if SHIFT in c.parameters), None)
-    if delay is not None and delay.high > FURTHEST:
+    if delay is not None and delay.high > MAX_SHIFT:
         return f"at least {1e3 * delay.low:.0f} ms"
     return f"{1e3 * abs(found.shift or 0.0):.0f} ms"

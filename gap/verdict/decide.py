@@ -31,10 +31,10 @@ from .evidence import Balanced, Evidence, Refused, Replayed
 from .verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, WORST_FIRST, Reason, Verdict
 from .words import also, certainty, change, fall, firmly, is_guess, levels, open_reason, size, some, subject, verb
 
-MOSTLY = 0.5  # of what is explained, from which what tuned numbers do is told first
-ROUNDED = 5e-3  # change of a number below which no one is told of it
-MUCH = 0.2  # of the gap, from which it is told beside rivals how much stays unexplained
-MOST_WORDS = 25  # of the sentence that a verdict is told in
+TUNED_FIRST_SHARE = 0.5  # of what is explained, from which what tuned numbers do is told first
+TOLD_CHANGE = 5e-3  # change of a number below which no one is told of it
+TOLD_UNEXPLAINED_SHARE = 0.2  # of the gap, from which it is told beside rivals how much stays unexplained
+MAX_SENTENCE_WORDS = 25  # of the sentence that a verdict is told in
 
 
 def decide(evidence: Evidence, limit: Thresholds = THRESHOLDS) -> Verdict:
@@ -138,7 +138,7 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
 
 def _turned(found: Replayed) -> str:
     """The tuned numbers that the fit needs most, to follow the word tolerance."""
-    turned = [(number, factor) for number, factor in found.factors.items() if abs(factor - 1.0) > ROUNDED]
+    turned = [(number, factor) for number, factor in found.factors.items() if abs(factor - 1.0) > TOLD_CHANGE]
     return f": {first(turned)}" if turned else ""
 
 
@@ -225,7 +225,8 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     certain = [cause for cause in causes if cause.standing == CERTAIN]
     if doubtful and certain and not found.case.still:
         return _beside(found, certain, doubtful[0])
-    if all(cause.confidence < limit.sure for cause in causes) and _named(found) < max(_numbers(found), found.measured.left):
+    unsure = all(cause.confidence < limit.sure for cause in causes)
+    if unsure and _named(found) < max(_numbers(found), found.measured.left):
         return _outweighed(found)
     if doubtful and (doubtful[0] is causes[0] or not noticed):
         return _rivalled(found, doubtful[0])
@@ -299,7 +300,7 @@ def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
     place = f" in place of {doubtful.name}" if len(found.causes) > 1 else ""
     fits = "fits" if len(doubtful.rivals) == 1 else "fit"
     alike, unexplained = f"{fits} about as well", ""
-    if found.structure.noticed and found.measured.left >= MUCH:
+    if found.structure.noticed and found.measured.left >= TOLD_UNEXPLAINED_SHARE:
         alike, unexplained = f"{fits} alike", f"; {100.0 * found.measured.left:.0f} % unexplained"
     sentence = (
         f"The gap of '{found.joint}' may be {subject(found.causes)}, but {some(doubtful.rivals)} "
@@ -335,7 +336,9 @@ def _guessed(found: Replayed) -> Verdict:
 def _explained(found: Replayed) -> Verdict:
     causes, (firm, doubted) = found.causes, firmly(found.causes)
     told = f"{subject(firm)} {verb(firm, 'explains', 'explain')}"
-    if 1.0 - found.measured.left - sum(cause.share for cause in causes) > MOSTLY * (1.0 - found.measured.left):
+    if 1.0 - found.measured.left - sum(cause.share for cause in causes) > TUNED_FIRST_SHARE * (
+        1.0 - found.measured.left
+    ):
         told = f"Tuned numbers and {subject(firm)} explain"
     sentence = f"{told} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
     names = listed([cause.name for cause in causes])
@@ -373,8 +376,8 @@ def _refused(found: Refused) -> Verdict:
     name = NOT_IDENTIFIABLE if found.usable else UNUSABLE
     start = f"Nothing can be said about {found.subject}" if found.usable else "The log cannot be used"
     whole = f"{start}: {found.reason}"
-    if len(whole.split()) <= MOST_WORDS:
+    if len(whole.split()) <= MAX_SENTENCE_WORDS:
         return Verdict(name, whole)
     first = f"{start}: {found.reason.partition('; ')[0].partition('. ')[0].rstrip('.')}."
-    sentence = first if len(first.split()) <= MOST_WORDS else f"{start}; the reason is given below."
+    sentence = first if len(first.split()) <= MAX_SENTENCE_WORDS else f"{start}; the reason is given below."
     return Verdict(name, sentence, (Reason("refused", found.reason),))

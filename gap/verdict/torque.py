@@ -14,7 +14,7 @@ import numpy as np
 from ...actuators.chain import load_chain
 from ..causes.catalogue import adjustable
 from ..checks.signal import sample_noise
-from ..checks.torque_balance import WINDOW, Shift, TorqueBalance, acceleration_noise, shifted_balance
+from ..checks.torque_balance import WEAK_FORM_WINDOW, Shift, TorqueBalance, acceleration_noise, shifted_balance
 from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.torque_side import said_side, side_by_load, side_note
@@ -236,7 +236,7 @@ def _noise(runs: Sequence[MeasuredRun], joint: str) -> float:
         if torque is None or not (good := np.isfinite(torque)).any():
             continue
         noise = sample_noise(run.time[good], torque[good], jumps=True)
-        values.append(noise / np.sqrt(max(WINDOW / run.period / 2.0, 1.0)))
+        values.append(noise / np.sqrt(max(WEAK_FORM_WINDOW / run.period / 2.0, 1.0)))
     return float(np.median(values)) if values else 0.0
 
 

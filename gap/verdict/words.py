@@ -10,7 +10,9 @@ from ..search.structure import fine, listed, told_in
 from .evidence import Replayed
 from .verdict import Reason
 
-ASIDE = 0.2  # of what causes explain together, up to which those that are only possible are mentioned aside
+MENTIONED_ASIDE_SHARE = (
+    0.2  # of what causes explain together, up to which those that are only possible are mentioned aside
+)
 
 
 def levels(found: Replayed) -> tuple[str, str, str]:
@@ -53,7 +55,7 @@ def firmly(causes: Sequence[NamedCause]) -> tuple[Sequence[NamedCause], str]:
     """
     firm = [cause for cause in causes if cause.standing in (CERTAIN, LIKELY)]
     doubted = [cause for cause in causes if cause not in firm]
-    if not (firm and doubted) or sum(c.share for c in doubted) > ASIDE * sum(c.share for c in causes):
+    if not (firm and doubted) or sum(c.share for c in doubted) > MENTIONED_ASIDE_SHARE * sum(c.share for c in causes):
         return causes, ""
     return firm, f"; perhaps {subject(doubted)}"
 

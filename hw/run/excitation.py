@@ -25,7 +25,7 @@ def library_excitation(word: str, robot: ServoRobot, reach: ByJoint | None, seed
     Raises:
         SealegsError: there is none of that name, or ``reach`` is more than a joint has.
     """
-    from ...gap.experiment import RATE as SAMPLES
+    from ...gap.experiment import GOAL_RATE as SAMPLES
     from ...gap.experiment import library
 
     columns, reaches = [], _reaches(robot, reach)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...measure.named import NamedCause
-from ...measure.signatures import LIMITS, Signature
+from ...measure.signatures import SIGNATURE_LIMITS, Signature
 from ...verdict.verdict import JointDiagnosis
 from .style import EXTENDED, NOMINAL, figure, styled
 
@@ -32,7 +32,7 @@ def features(cause: NamedCause) -> Figure:
             axes.errorbar(
                 1e3 * value,
                 height,
-                xerr=1e3 * LIMITS.sure * error,
+                xerr=1e3 * SIGNATURE_LIMITS.sure * error,
                 fmt="o",
                 color=colour,
                 label=label,

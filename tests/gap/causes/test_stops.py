@@ -10,7 +10,7 @@ from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.contact import with_stops
 from sealegs.gap.checks.stops import Stop, stops_of
-from sealegs.gap.experiment.excitations import CLEAR, Limits, excitations, within
+from sealegs.gap.experiment.excitations import STOP_CLEARANCE, Limits, excitations, within
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.prepare.pieces import cut_joint, fit_runs
@@ -59,7 +59,7 @@ def test_what_only_holds_a_joint_back_is_no_stop(effect: str) -> None:
 
 def test_no_proposed_motion_goes_to_a_stop() -> None:
     limits = within(Limits(-1.2, 1.2), (Stop(-0.6, -1, 0.2, 1.0), Stop(0.9, 1, 0.2, 1.0)))
-    assert limits is not None and limits == Limits(-0.6 + CLEAR, 0.9 - CLEAR)
+    assert limits is not None and limits == Limits(-0.6 + STOP_CLEARANCE, 0.9 - STOP_CLEARANCE)
     for goal in excitations(limits, JointModel(load_chain(CHAIN)), PARAMS).values():
         assert goal.min() >= limits.lower - 1e-9 and goal.max() <= limits.upper + 1e-9
     assert within(Limits(-1.2, 1.2), (Stop(0.1, -1, 0.2, 1.0), Stop(0.15, 1, 0.2, 1.0))) is None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pyarrow import Table, parquet
 from sealegs.gap.checks.data_set import check_set, corrected
-from sealegs.gap.checks.long import MOST_ROWS, count_rows, read_bounded, spread, window_rows
+from sealegs.gap.checks.long import MAX_SET_ROWS, count_rows, read_bounded, spread, window_rows
 from sealegs.gap.log import LogError
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import SEARCH, WARM_UP, cut
@@ -146,12 +146,12 @@ def test_chosen_windows_leave_no_kind_out() -> None:
     assert len(chosen) == len({k for k, _ in chosen}) == 30
     assert {part for k, part in chosen if k >= 500} == {0, 1, 2}
     assert [k for k, _ in spread(table[:10], 30)] == list(range(10))
-    assert MOST_ROWS >= 30
+    assert MAX_SET_ROWS >= 30
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 4000.0, 20_000.0])
 def test_a_window_is_long_enough_to_warm_up_whatever_the_rate(rate: float) -> None:
-    rows = window_rows(1.0 / rate, MOST_ROWS)
+    rows = window_rows(1.0 / rate, MAX_SET_ROWS)
     assert 2.0 * (WARM_UP + SEARCH) <= rows / rate <= 12.0
     time = np.arange(rows) / rate
     runs = [

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.checks.data_set import check_set, corrected
-from sealegs.gap.checks.recording import MOMENT
+from sealegs.gap.checks.recording import DRIVE_LOOP_PERIOD
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredSet
@@ -55,7 +55,7 @@ def errors(data: MeasuredSet, *models: dict[str, float]) -> tuple[list[float], f
 
 def test_the_moment_of_reading_is_all_that_a_command_behind_lacks() -> None:
     (believed, read_before, slow), _ = errors(
-        at_once(), {}, {"delay.seconds": MOMENT}, {"delay.seconds": MOMENT + 0.005}
+        at_once(), {}, {"delay.seconds": DRIVE_LOOP_PERIOD}, {"delay.seconds": DRIVE_LOOP_PERIOD + 0.005}
     )
     assert read_before < 0.3 * believed and read_before < 0.5 * slow
 

@@ -22,7 +22,7 @@ from sealegs.gap.experiment import (
     read_goals,
     write_experiment,
 )
-from sealegs.gap.experiment.excitations import HOLDS, abilities, excitations, slewed
+from sealegs.gap.experiment.excitations import GRAVITY_STALL_SHARE, abilities, excitations, slewed
 from sealegs.gap.experiment.exposure import too_many
 from sealegs.gap.experiment.proposal import Hypothesis, everything, experiment_sentence, kept_within
 from sealegs.gap.finder.diagnosis import diagnose
@@ -87,7 +87,7 @@ def test_a_motion_made_smaller_stays_within_the_limits_and_where_its_load_is_hel
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     limits, heavy = Limits(0.0, 1.5), {"mass": 4.0, "arm_mass": 0.0, "length": 0.12}
-    held = math.asin(HOLDS * abilities(NOMINAL)[0] / NOMINAL.load.gravity_torque(heavy))
+    held = math.asin(GRAVITY_STALL_SHARE * abilities(NOMINAL)[0] / NOMINAL.load.gravity_torque(heavy))
     overshoot = 6.0
 
     def measurement(problem: object, load: object, goal: np.ndarray, along: object = None) -> SimpleNamespace:

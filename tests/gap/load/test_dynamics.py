@@ -39,7 +39,7 @@ def by_newton_euler(model: mujoco.MjModel, dofs: np.ndarray, ratios: np.ndarray,
 def test_torques_along_a_motion_are_those_of_newton_and_euler(
     joints: dict[str, float], empty: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(dynamics, "MOST", 16)  # several rounds
+    monkeypatch.setattr(dynamics, "MAX_BATCH_SAMPLES", 16)  # several rounds
     model = mujoco.MjModel.from_xml_string(ROBOT)
     if empty:
         last = model.body("lower").id

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.experiment.detection import Looks
-from sealegs.gap.experiment.proposal import SHOWS, Hypothesis, Prediction
+from sealegs.gap.experiment.proposal import VISIBLE_DIFFERENCE, Hypothesis, Prediction
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B
@@ -213,12 +213,12 @@ def test_a_cause_that_tuned_numbers_hide_is_hidden_however_they_get_there(curved
     show, though it had not.
     """
     apart = bent(curved).apart([{"b*": 1.04}, {"b*": 1.3}], (number("b"),))
-    assert apart[0] < SHOWS < apart[1]
+    assert apart[0] < VISIBLE_DIFFERENCE < apart[1]
 
 
 def test_a_cause_that_believed_numbers_hide_is_hidden() -> None:
     looks = bent(-1.0)  # the Jacobian leads away from the log
-    assert looks.apart([{"b*": 1.02}], (number("b"),))[0] < SHOWS
+    assert looks.apart([{"b*": 1.02}], (number("b"),))[0] < VISIBLE_DIFFERENCE
 
 
 def test_a_limit_lies_between_the_last_size_that_is_hidden_and_the_first_that_shows() -> None:
@@ -231,4 +231,4 @@ def test_a_limit_lies_between_the_last_size_that_is_hidden_and_the_first_that_sh
 
     object.__setattr__(looks, "apart", apart)
     found = looks.shows(Hypothesis("b", {"b*": 1.1}, ()), (cause,), 1.0)
-    assert found == pytest.approx(1.05 + 0.05 * (SHOWS - 0.28) / 0.32)
+    assert found == pytest.approx(1.05 + 0.05 * (VISIBLE_DIFFERENCE - 0.28) / 0.32)

@@ -26,7 +26,7 @@ from sealegs.gap.measure.named import (
 )
 from sealegs.gap.output.document import overall as of_documents
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.decide import MOST_WORDS, decide, overall
+from sealegs.gap.verdict.decide import MAX_SENTENCE_WORDS, decide, overall
 from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, DataError
 
@@ -193,7 +193,7 @@ def test_the_verdict_is_the_one_that_the_rules_give(name: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_the_sentence_is_short_enough_to_be_read_at_once(name: str) -> None:
     sentence = decide(CASES[name][0]).sentence
-    assert len(sentence.split()) <= MOST_WORDS == 25, sentence
+    assert len(sentence.split()) <= MAX_SENTENCE_WORDS == 25, sentence
     assert (sentence.endswith(".") and sentence[0].isupper()) or sentence.split()[0].count(".") == 1
 
 
@@ -236,7 +236,7 @@ def test_no_number_of_causes_and_no_long_name_makes_a_sentence_too_long() -> Non
     said = {decide(replace(one, case=replace(one.case, joint=LONG))).sentence for one in of_long_joint()}
     assert len(said) > 100
     longest = max(said, key=lambda sentence: len(sentence.split()))
-    assert len(longest.split()) <= MOST_WORDS, longest
+    assert len(longest.split()) <= MAX_SENTENCE_WORDS, longest
 
 
 @pytest.mark.parametrize("structure", [0.09, 1.0, 1.01, 5.0])

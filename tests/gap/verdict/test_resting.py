@@ -88,7 +88,7 @@ def test_one_wrong_reading_and_a_run_of_a_moment_hide_no_table(pressed: Measured
 def test_contacts_are_kept_where_too_little_would_be_left_and_that_is_said(
     pressed: MeasuredSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(resting, "LEFT", 0.99)
+    monkeypatch.setattr(resting, "MIN_JUDGED_SHARE", 0.99)
     runs, (finding,) = without_rests(Machine.of(pressed.runs))
     assert all(log.touched is None for run in runs for log in run.joints.values())
     assert "too little would be left" in finding.sentence

@@ -27,7 +27,7 @@ from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import HELD
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.decide import MOST_WORDS, decide
+from sealegs.gap.verdict.decide import MAX_SENTENCE_WORDS, decide
 from sealegs.gap.verdict.verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
 
 from tests.replayed_evidence import evidence
@@ -148,7 +148,7 @@ def test_how_much_stays_unexplained_is_told() -> None:
     verdict = decide(seen)
     assert verdict.sentence.startswith("No known cause explains 68 % of the gap of 'knee'")
     assert "perhaps drive.delay 30 % (confidence 0 %)" in verdict.sentence and verdict.because("structure")
-    assert len(verdict.sentence.split()) <= MOST_WORDS
+    assert len(verdict.sentence.split()) <= MAX_SENTENCE_WORDS
     assert (
         "unexplained"
         not in decide(evidence("knee", errors, (CAUSE,), LEFT, tuned_error=Error(0.02, 0.02), left=0.01)).sentence

@@ -22,7 +22,17 @@ from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.replay.tree import motion_of
-from sealegs.gap.robot.directions import RATE, Direction, about_joints, carries, centres, masses, payload, rows_of, tilt
+from sealegs.gap.robot.directions import (
+    ROW_RATE,
+    Direction,
+    about_joints,
+    carries,
+    centres,
+    masses,
+    payload,
+    rows_of,
+    tilt,
+)
 from sealegs.gap.robot.judged import beside_before
 from sealegs.gap.robot.search import ROBOT, affected, helps_several
 from sealegs.gap.verdict.verdict import JointDiagnosis
@@ -66,7 +76,7 @@ def test_a_number_of_the_robot_does_to_each_joint_what_it_does_in_the_robots_mod
     recorded: MeasuredRun, joint: str
 ) -> None:
     machine = robot(recorded)
-    every = max(round(1.0 / (RATE * recorded.period)), 1)
+    every = max(round(1.0 / (ROW_RATE * recorded.period)), 1)
     at = np.arange(0, len(recorded.time), every)[:40]
     whole = motion_of(machine, recorded)
     motion = type(whole)(whole.position[at], whole.speed[at], whole.acceleration[at])

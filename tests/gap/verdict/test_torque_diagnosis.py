@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sealegs.gap.checks.torque_balance import REACHES, SYSTEMATIC, WINDOW, Shift
+from sealegs.gap.checks.torque_balance import SHIFT_BIAS, SHIFT_REACHES, WEAK_FORM_WINDOW, Shift
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.measure.named import CERTAIN, WITHDRAWN
@@ -299,8 +299,8 @@ RUNS = (swung("a", 0.010, 1), swung("b", 0.010, 2))
 @pytest.mark.parametrize("delay", [0.010, -0.010])
 def test_a_torque_out_of_step_is_found_with_an_interval_that_allows_for_the_method(delay: float) -> None:
     value, low, high = delay_of(diagnose_torque([swung("a", delay, 1), swung("b", delay, 2)], "servo", ()))
-    assert value == pytest.approx(0.010, abs=SYSTEMATIC)
-    assert low <= value - SYSTEMATIC and high >= value + SYSTEMATIC
+    assert value == pytest.approx(0.010, abs=SHIFT_BIAS)
+    assert low <= value - SHIFT_BIAS and high >= value + SHIFT_BIAS
     assert low <= 0.010 <= high
 
 
@@ -309,32 +309,32 @@ def test_a_torque_far_out_of_step_is_measured_too(delay: float) -> None:
     """All of these were 40 ms, with an interval of 38 to 42 ms and 99 %."""
     found = diagnose_torque([swung("a", delay, 1), swung("b", delay, 2)], "servo", ())
     value, low, high = delay_of(found)
-    assert value == pytest.approx(abs(delay), abs=SYSTEMATIC) and low <= abs(delay) <= high < 1.1 * abs(delay)
+    assert value == pytest.approx(abs(delay), abs=SHIFT_BIAS) and low <= abs(delay) <= high < 1.1 * abs(delay)
     assert found.causes[0].standing == CERTAIN
 
 
 def test_a_torque_further_out_of_step_than_is_tried_is_told_as_at_least_that() -> None:
     found = diagnose_torque([swung("a", -0.250, 1), swung("b", -0.250, 2)], "servo", ())
     value, low, high = delay_of(found)
-    assert low <= value == pytest.approx(REACHES[-1]) and high > 1.0, "as long as a run"
+    assert low <= value == pytest.approx(SHIFT_REACHES[-1]) and high > 1.0, "as long as a run"
     assert found.causes[0].standing != CERTAIN and "at least 198 ms" in found.sentence
 
 
 def test_the_noise_floor_of_a_torque_log_is_that_of_its_samples_averaged() -> None:
     floor = diagnose_torque(RUNS, "servo", ()).gap["noise_floor"].rmse
-    margin = floor / (0.005 / np.sqrt(WINDOW / RUNS[0].period / 2.0))
+    margin = floor / (0.005 / np.sqrt(WEAK_FORM_WINDOW / RUNS[0].period / 2.0))
     assert 1.0 < margin < 1.25, "as of every other column, it is estimated with a margin"
 
 
 def test_a_torque_log_needs_no_actuator() -> None:
     found = diagnose_torque([replace(run, actuators={}) for run in RUNS], "servo", ())
-    assert delay_of(found)[0] == pytest.approx(0.010, abs=SYSTEMATIC)
+    assert delay_of(found)[0] == pytest.approx(0.010, abs=SHIFT_BIAS)
 
 
 @pytest.mark.parametrize(("low", "high"), [(-0.012, 0.001), (-0.001, 0.012), (-0.012, 0.0)])
 def test_an_interval_across_zero_holds_the_size_of_its_own_value(low: float, high: float) -> None:
     least, most = Shift(0.009 * np.sign(low + high), low, high, 0, 0.95).size
-    assert least == 0.0 and most == pytest.approx(0.012 + SYSTEMATIC)
+    assert least == 0.0 and most == pytest.approx(0.012 + SHIFT_BIAS)
 
 
 def test_empty_torque_cells_change_little() -> None:
@@ -345,20 +345,20 @@ def test_empty_torque_cells_change_little() -> None:
     found = diagnose_torque([with_torque(RUNS[0], torque), RUNS[1]], "servo", ())
     assert all(np.isfinite([error.rmse, error.mae]).all() for error in found.gap.values())
     assert np.isfinite(found.unexplained) and "nan" not in found.text
-    assert delay_of(found)[0] == pytest.approx(whole[0], abs=SYSTEMATIC)
+    assert delay_of(found)[0] == pytest.approx(whole[0], abs=SHIFT_BIAS)
 
 
 def test_a_torque_logged_with_every_second_position_is_used() -> None:
     half = [np.where(np.arange(len(run.time)) % 2, np.nan, torque_of(run)) for run in RUNS]
     runs = [with_torque(run, torque) for run, torque in zip(RUNS, half, strict=True)]
-    assert delay_of(diagnose_torque(runs, "servo", ()))[0] == pytest.approx(0.010, abs=SYSTEMATIC)
+    assert delay_of(diagnose_torque(runs, "servo", ()))[0] == pytest.approx(0.010, abs=SHIFT_BIAS)
 
 
 def test_a_run_whose_torque_is_stuck_is_left_out() -> None:
     stuck = with_torque(RUNS[0], np.full(len(RUNS[0].time), 0.3))
     (found,) = diagnose(MeasuredSet((stuck, RUNS[1]), "two"))
     assert any(finding.code == "column.stuck" for finding in found.findings)
-    assert delay_of(found)[0] == pytest.approx(0.010, abs=SYSTEMATIC)
+    assert delay_of(found)[0] == pytest.approx(0.010, abs=SHIFT_BIAS)
     with pytest.raises(LogError, match="no run has a goal or a torque"):
         diagnose_torque([with_torque(run, None) for run in RUNS], "servo", ())
 
