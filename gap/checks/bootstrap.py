@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+BOOTSTRAP_DRAWS = 300  # for an interval of a delay or shift
+
 
 def block_weights(blocks: int, draws: int, rng: np.random.Generator) -> np.ndarray:
     """How often each block is in each resampled data set (draws, blocks), of as many blocks as there are."""

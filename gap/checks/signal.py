@@ -9,14 +9,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..log.types import Array
-from .bootstrap import block_weights
+from .bootstrap import BOOTSTRAP_DRAWS, block_weights
 
 DERIVATIVE_WINDOW = 0.05
 """Length of the local polynomial fits [s]: short against servo motion, long against encoder noise."""
 LAG_REACH = 0.06
 """Largest delay or advance of a column that is looked for [s]."""
 LAG_BLOCKS = 24
-LAG_DRAWS = 300
 MIN_NOISE_SAMPLES = 20  # samples of a piece from which its noise can be told
 _BLOCK_SAMPLES = 1 << 15
 
@@ -203,7 +202,7 @@ def solve_lag(grams: Array, reach: float = LAG_REACH) -> Lag:
     scale = np.sqrt(np.maximum(grams[len(delays) // 2].sum(axis=0).diagonal(), 1e-300))
     grams = grams / (scale[:, None] * scale)
     rng = np.random.default_rng(0)
-    weights = np.vstack([np.ones(blocks), block_weights(blocks, LAG_DRAWS, rng)])
+    weights = np.vstack([np.ones(blocks), block_weights(blocks, BOOTSTRAP_DRAWS, rng)])
     total = np.tensordot(weights, grams, axes=(1, 1))
     ridge = 1e-9 * np.eye(len(scale) - 1)
     fit = np.linalg.solve(total[..., :-1, :-1] + ridge, total[..., :-1, -1:])[..., 0]

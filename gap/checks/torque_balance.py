@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..load.resting import REVERSAL_SPEED
 from ..log.types import Array
-from .bootstrap import block_weights
+from .bootstrap import BOOTSTRAP_DRAWS, block_weights
 
 GRID_STEP = 1e-3  # [s] grid that logs are brought to
 WEAK_FORM_WINDOW = 0.12  # [s] of the weak form: short against the motion, long against the noise of positions
@@ -21,8 +22,6 @@ SHIFT_REACHES = (0.04, 0.1, 0.2)
 """Largest shifts tried [s]: a further one only where the best lies at the end of the last. In a wide range alone, the
 next swing of a periodic motion may fit better than the true shift; buffers of more than 0.2 s are assumed away."""
 ERROR_BLOCK = 0.5  # [s] errors closer than this are taken as one observation
-REVERSAL_SPEED = 0.05  # [rad/s] over which dry friction turns around
-SHIFT_DRAWS = 300
 SHIFT_BIAS = 2e-3
 """What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
 MAX_SHIFT = SHIFT_REACHES[-1] + SHIFT_BIAS  # [s] end of the interval of any shift that was measured
@@ -184,7 +183,7 @@ def torque_shift(balance: TorqueBalance) -> Shift:
     drawn = np.array(
         [
             shifts[_best_shift(*(np.tensordot(weight, sums, 1) for sums in (inner, cross, size)))]
-            for weight in block_weights(count, SHIFT_DRAWS, rng)
+            for weight in block_weights(count, BOOTSTRAP_DRAWS, rng)
         ]
     )
     seconds = float(np.median(drawn))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
+from ..load.resting import REVERSAL_SPEED
 from ..load.robot import Frame, LoggedRobot
 from ..load.ties import Turned
 from ..load.tree import Motion
@@ -27,7 +28,6 @@ FINE = 3000  # the same where zeros are sought between the points of the grid
 ZEROS = np.radians(np.arange(0.0, 360.0, 20.0))  # [rad] tried
 NEAR = np.radians(12.0)  # [rad] from the best of these to where the zero of a doubted joint is then sought
 TURNS = 2  # of each joint, at most
-SLIP = 0.05  # [rad/s] over which dry friction turns around
 CHANGE = 0.02  # share of the torque, mean of the joints, that another frame of one joint must explain more
 BETTER = 0.1  # and that all together must before the model's frames are doubted
 FAR = 0.3  # [rad] less than this is a cause: an encoder's zero
@@ -296,7 +296,7 @@ def _compared(
     found = []
     for j, name in enumerate(torques.joints):
         dof = int(model.jnt_dofadr[robot.number(name)])
-        speed, slip = torques.motion.speed[:, dof], SLIPS if robot.slides(name) else SLIP
+        speed, slip = torques.motion.speed[:, dof], SLIPS if robot.slides(name) else REVERSAL_SPEED
         columns = [np.tanh(speed / slip), speed, torques.motion.acceleration[:, dof]]
         passive = np.stack([*columns, np.ones(len(speed))] if level else columns, axis=1)
         drive = _beside(passive, torques.drive[:, j])

@@ -16,11 +16,11 @@ from ..replay.engine import bench, replay_in_engine
 from ..replay.joint_model import JointModel
 from ..replay.joint_problem import largest_step
 
-RATE = 200.0  # [Hz] samples
-JITTER = 3e-4  # [s]
-TICKS = 4096
-NOISE = 4e-4  # [rad] of the encoder
-STEP = 5e-4  # [s]
+SAMPLE_RATE = 200.0  # [Hz] samples
+STAMP_JITTER = 3e-4  # [s]
+ENCODER_TICKS = 4096
+ENCODER_NOISE = 4e-4  # [rad] of the encoder
+ENGINE_STEP = 5e-4  # [s]
 CURRENT_STEP = 0.0065  # [A] of the current register
 ARM = NUMBERS["arm_mass"].value
 LOADS = ({"mass": 0.25, "arm_mass": ARM, "length": 0.10}, {"mass": 0.5, "arm_mass": ARM, "length": 0.12})
@@ -47,16 +47,16 @@ def record(
     chain = load_chain(nominal)
     truth = JointModel(chain).with_values(hidden)
     rng = np.random.default_rng(seed)
-    written, step = [], min(STEP, largest_step(truth.chain))
+    written, step = [], min(ENGINE_STEP, largest_step(truth.chain))
     for number, params in enumerate(loads):
         drivetrain = bench(truth, params)
         shapes = library(0.0, 0.9, seed + number)
         for name in excitations:
-            grid = np.arange(0.0, len(shapes[name]) / 100.0 - 1.0 / RATE, 1.0 / RATE)
-            time = grid + np.clip(rng.normal(0.0, JITTER, len(grid)), -3 * JITTER, 3 * JITTER)
+            grid = np.arange(0.0, len(shapes[name]) / 100.0 - 1.0 / SAMPLE_RATE, 1.0 / SAMPLE_RATE)
+            time = grid + np.clip(rng.normal(0.0, STAMP_JITTER, len(grid)), -3 * STAMP_JITTER, 3 * STAMP_JITTER)
             goal = np.interp(time, np.arange(len(shapes[name])) / 100.0, shapes[name])
             out = replay_in_engine(drivetrain, time, goal, (float(goal[0]), 0.0), step)
-            position, link = (_ticks(out[:, k] + rng.normal(0.0, NOISE, len(time))) for k in (0, 1))
+            position, link = (_ticks(out[:, k] + rng.normal(0.0, ENCODER_NOISE, len(time))) for k in (0, 1))
             coupled = truth.chain.find("spring") is not None
             log = JointLog(
                 goal=goal,
@@ -79,5 +79,5 @@ def record(
 
 
 def _ticks(angle: np.ndarray) -> np.ndarray:
-    step = 2 * np.pi / TICKS
+    step = 2 * np.pi / ENCODER_TICKS
     return np.round(angle / step) * step

@@ -18,17 +18,12 @@ from ..log.types import JointLog, MeasuredRun
 from ..log.writer import write_run
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, address
+from .bench import CURRENT_STEP, ENCODER_NOISE, ENCODER_TICKS, ENGINE_STEP, SAMPLE_RATE, STAMP_JITTER
 
-RATE = 200.0  # [Hz] of samples and commands
-JITTER = 3e-4  # [s]
-TICKS = 4096
-NOISE = 4e-4  # [rad] of the encoders
 BOOM_STEP, BOOM_NOISE = 1e-4, 1e-4  # [m] of the boom encoder, at the hip
-CURRENT_STEP = 0.0065  # [A]
 CONTACT_TIME = 0.002  # [s] a hard floor
-STEP = 5e-4  # [s]
 JOINTS = (HIP, KNEE)
-PIECE = 2.0  # [s] after which the gait changes
+PIECE_SECONDS = 2.0  # [s] after which the gait changes
 
 
 def record(
@@ -78,16 +73,16 @@ def _record(leg: LegModel, name: str, duration: float, rng: np.random.Generator,
     base = {axis: int(model.joint(f"base_{axis}").qposadr[0]) for axis in "xz"}
     data.qpos[base["z"]] += 0.02 + leg.value("contact.height")
     data.qpos[int(model.joint(GROUND_JOINT).qposadr[0])] = 0.0
-    grid = np.arange(1, int(duration * RATE)) / RATE
-    time = grid + np.clip(rng.normal(0.0, JITTER, len(grid)), -3 * JITTER, 3 * JITTER)
+    grid = np.arange(1, int(duration * SAMPLE_RATE)) / SAMPLE_RATE
+    time = grid + np.clip(rng.normal(0.0, STAMP_JITTER, len(grid)), -3 * STAMP_JITTER, 3 * STAMP_JITTER)
     rows: dict[str, list[np.ndarray]] = {key: [] for key in ("goal", "motor", "link", "duty", "current", "base")}
     controller, lean = BangBang(rest=rest, stiffness=stiffness), np.zeros(2)
     for k, at in enumerate(time):
-        if k % int(PIECE * RATE) == 0:
+        if k % int(PIECE_SECONDS * SAMPLE_RATE) == 0:
             weights = (float(rng.uniform(-0.65, -0.4)), 1.0)
             controller = BangBang(0.3, float(rng.uniform(0.2, 0.3)), weights, rest, stiffness)
             lean = np.full(2, rng.uniform(-0.1, 0.1))
-        count = max(int(np.ceil((at - data.time) / STEP)), 1)
+        count = max(int(np.ceil((at - data.time) / ENGINE_STEP)), 1)
         model.opt.timestep = (at - data.time) / count
         mujoco.mj_step(model, data, count)
         motor, link = (
@@ -110,8 +105,8 @@ def _record(leg: LegModel, name: str, duration: float, rng: np.random.Generator,
     joints = {
         joint: JointLog(
             goal=table["goal"][:, j],
-            position=_rounded(table["motor"][:, j], 2.0 * np.pi / TICKS, NOISE, rng),
-            link_position=_rounded(table["link"][:, j], 2.0 * np.pi / TICKS, NOISE, rng),
+            position=_rounded(table["motor"][:, j], 2.0 * np.pi / ENCODER_TICKS, ENCODER_NOISE, rng),
+            link_position=_rounded(table["link"][:, j], 2.0 * np.pi / ENCODER_TICKS, ENCODER_NOISE, rng),
             duty=np.asarray(np.round(table["duty"][:, j], 3), np.float64),
             current=_rounded(table["current"][:, j], CURRENT_STEP, CURRENT_STEP, rng) if has_current else None,
         )
