@@ -54,10 +54,10 @@ from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from ..verdict.decide import decide
 from ..verdict.evidence import Refused, Replayed
-from ..verdict.recorded import recording_reasons
 from ..verdict.refusal import refuse, refuse_divergence
 from ..verdict.torque import diagnose_torque
 from ..verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors, rivals_of
+from ..verdict.words import recording_reasons
 from .parallel import side_by_side
 
 LOGGER = logging.getLogger("sealegs")

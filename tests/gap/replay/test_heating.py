@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sealegs.gap.checks.ratios import together
+from sealegs.gap.checks.data_set import together
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.replay.layout import between_steps, heated
 

@@ -27,7 +27,7 @@ from sealegs.gap.output.pictures import png
 from sealegs.gap.output.pictures.signatures import features
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.recorded import recording_reasons
+from sealegs.gap.verdict.words import recording_reasons
 
 from testbed import NOISE_FLOOR, hidden_bench
 from testbed.excitation import DEFAULT_SCHEDULES
