@@ -35,7 +35,7 @@ def test_a_bug_is_told_in_a_sentence_and_its_place_in_a_file(
     assert [run(fails, "diagnose", "", ["log=a b"]) for _ in range(2)] == [BUG, BUG]
     said = capsys.readouterr().err.strip().splitlines()
     assert said[0] == "TORQUE MAY BE ON at servo(s) 1: CUT THE POWER." and len(said) == 4
-    place = r"tests/gap/verdict/test_bugs\.py line \d+\."
+    place = r"tests/gap/finder/test_bugs\.py line \d+\."
     assert re.match(rf"A bug of sealegs ended this: KeyError \('elbow'\) in {place}", said[1])
     reports = sorted(tmp_path.glob("sealegs-bug-*.txt"))
     assert len(reports) == 2 and reports[0].name in said[1] + said[3]
@@ -57,7 +57,7 @@ def test_a_bug_at_one_joint_leaves_the_others_theirs(workers: int) -> None:
         dict.fromkeys("abc", fails_at_b), Machine.of(()), (), Request(), workers, lambda joint: None, errors
     )
     assert [joint.joint for joint in joints] == ["a", "c"] and [*errors] == ["b"]
-    assert re.fullmatch(r"tests/gap/verdict/test_bugs\.py line \d+", place_of(errors["b"])), "also of another process"
+    assert re.fullmatch(r"tests/gap/finder/test_bugs\.py line \d+", place_of(errors["b"])), "also of another process"
     with pytest.raises(LookupError, match="no such thing"):
         side_by_side(dict.fromkeys("abc", fails_at_b), Machine.of(()), (), Request(), workers, lambda joint: None)
 
