@@ -25,9 +25,8 @@ def found_of(monkeypatch: pytest.MonkeyPatch, *, confidence: float, times: float
     monkeypatch.setattr(belief, "measure", lambda *_: answers.pop(0))
     monkeypatch.setattr(belief, "replace", lambda one, **more: SimpleNamespace(**{**vars(one), **more}))
     monkeypatch.setattr(belief, "_without", lambda *_: times)
-    joint = SimpleNamespace(terms=())
-    problem = SimpleNamespace(joint=joint, open_loop=left is not None, noise=NOISE)
-    replay: Any = SimpleNamespace(problem=problem, fitting=problem, wide=())
+    problem = SimpleNamespace(open_loop=left is not None, noise=NOISE)
+    replay: Any = SimpleNamespace(problem=problem, fitting=problem, wide=(), of_robot=True)
     search: Any = SimpleNamespace(loose=False, accepted=(), less=lambda keys: search)
     return [one.name for one in belief.measured_within_belief(replay, search, "elbow", 0)[0].causes]
 
