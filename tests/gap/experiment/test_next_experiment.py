@@ -13,7 +13,7 @@ from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.experiment import (
-    RATE,
+    GOAL_RATE,
     Experiment,
     Limits,
     default_limits,
@@ -47,7 +47,7 @@ NOMINAL = JointModel(load_chain("sts3215"))
 def test_excitations_keep_to_the_limits(limits: Limits) -> None:
     for name, goal in excitations(limits, NOMINAL, LOAD).items():
         assert goal.min() >= limits.lower - 1e-9 and goal.max() <= limits.upper + 1e-9, name
-        assert np.abs(np.diff(goal)).max() * RATE <= limits.speed + 1e-6, name
+        assert np.abs(np.diff(goal)).max() * GOAL_RATE <= limits.speed + 1e-6, name
 
 
 def test_nothing_goes_where_the_servo_cannot_hold_its_load() -> None:
@@ -121,7 +121,7 @@ def test_a_motion_that_a_hypothesis_lets_shoot_far_beyond_is_made_small_enough_o
 def test_smooth_motions_are_slow_enough_for_the_motor() -> None:
     found = excitations(Limits(-3.0, 3.0), NOMINAL, {**LOAD, "mass": 0.05})
     for name in ("chirp", "fast chirp", "multisine"):
-        assert np.abs(np.diff(found[name])).max() * RATE <= 0.81 * 7.4 / 1.2
+        assert np.abs(np.diff(found[name])).max() * GOAL_RATE <= 0.81 * 7.4 / 1.2
 
 
 def test_a_speed_limit_makes_ramps_of_steps() -> None:

@@ -8,7 +8,7 @@ import pytest
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.reader import read_measured
 from sealegs.gap.measure.shares import Owed
-from sealegs.gap.output.pictures.summary import budget_slices
+from sealegs.gap.output.pictures.first_look import budget_slices
 from sealegs.gap.virtual.bench import LOADS, record
 
 DELAY = 0.0225  # [s]

@@ -17,7 +17,7 @@ from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.measure.measured import rival_of
 from sealegs.gap.measure.named import Error
-from sealegs.gap.output.pictures.summary import budget_slices
+from sealegs.gap.output.pictures.first_look import budget_slices
 from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.parameters import Parameter

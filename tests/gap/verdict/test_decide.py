@@ -230,10 +230,17 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
         yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
 
 
+def named(evidence: Replayed | Balanced, joint: str) -> Replayed | Balanced:
+    """The same of another joint."""
+    if isinstance(evidence, Balanced):
+        return replace(evidence, joint=joint)
+    return replace(evidence, case=replace(evidence.case, joint=joint))
+
+
 @pytest.mark.long
 def test_no_number_of_causes_and_no_long_name_makes_a_sentence_too_long() -> None:
     """Three certain causes beside a doubtful one took 28 words."""
-    said = {decide(replace(one, case=replace(one.case, joint=LONG))).sentence for one in of_long_joint()}
+    said = {decide(named(one, LONG)).sentence for one in of_long_joint()}
     assert len(said) > 100
     longest = max(said, key=lambda sentence: len(sentence.split()))
     assert len(longest.split()) <= MAX_SENTENCE_WORDS, longest
