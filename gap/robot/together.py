@@ -101,7 +101,7 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
     if any(reason.code == "outweighed" for reason in diagnosis.reasons):  # numbers of its own are not what does most
         rest = diagnosis.sentence.partition("; ")[2]
         what = f"The latency of all joints explains {100.0 * share:.0f} % of the gap of '{diagnosis.joint}'"
-        return replace(diagnosis, sentence=f"{what}; {rest}")
+        return diagnosis.changed(sentence=f"{what}; {rest}")
     if diagnosis.verdict != NOTHING:
         return diagnosis
     errors = [diagnosis.gap[name].rmse for name in ("nominal", "extended")]
