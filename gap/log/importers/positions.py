@@ -47,7 +47,7 @@ SHARE = (
 )
 UNSAID = (
     f"degrees (unit=deg), rad (unit=rad), turns (unit=turn), encoder steps (unit={TICKS}) or mm of a slide (unit=mm)? "
-    f"No unit is said. Or {SHARE}"
+    "No unit is said"
 )
 
 
@@ -151,6 +151,7 @@ def _open(one: Position, far: float) -> Line:
     """A question for the unit of a position, with a guess by how far all that are alike go."""
     column, unit = quoted(one.claim.column), "m" if one.slide else "rad" if far <= SEVERAL_TURNS else "deg"
     ask = SHARE if one.claim.unit == "%" else UNSAID
+    ask += f". Or {SHARE}" if ask == UNSAID and (far > PLAIN_RAD or one.opening) else ""
     return Line(column + ANGLE.get(unit, ""), unit, ASK, f"no unit is said; {reach(one.values)}", ask, open=True)
 
 
