@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sealegs.gap.measure.confidence import Thresholds
 from sealegs.gap.measure.signatures import SignatureLimits
-from sealegs.gap.search.settings import COLUMNS, EFFORT, ROBOT, TOLD, TORQUE, SearchSettings
+from sealegs.gap.search.settings import COLUMNS, EFFORT, ROBOT, TOLD, SearchSettings
 from sealegs.gap.search.structure import StructureLimits
 
 PAGE = Path(__file__).resolve().parents[1] / "thresholds.md"
@@ -22,7 +22,7 @@ Written by `python -m docs.generate.thresholds`; do not edit.
 """
 TABLES: tuple[tuple[str, type, bool], ...] = (
     ("What decides a name", SearchSettings, True),
-    *((about, SearchSettings, False) for about in (EFFORT, COLUMNS, ROBOT, TORQUE, TOLD)),
+    *((about, SearchSettings, False) for about in (EFFORT, COLUMNS, ROBOT, TOLD)),
     ("What counts as structure", StructureLimits, False),
     ("What decides a verdict", Thresholds, False),
     ("What a feature must show", SignatureLimits, False),

@@ -104,6 +104,7 @@ class Cause:
         picture: which picture shows it (:mod:`sealegs.gap.output.pictures`).
         variants: ways in which it may act, its usual form first; the one that explains more is taken.
         error: whether it is a wrong number of the nominal model, not an effect that the model lacks.
+        of_column: whether it is a fault of a column of the log, and nothing of the machine.
         needs: what a replay must have to show it.
         refuted_by: what in a log shows that it is not there.
         degenerates_to: the cause that it cannot be told from in poorer data.
@@ -130,6 +131,7 @@ class Cause:
     seen: bool = False
     at_stops: bool = False
     signature: str = ""
+    of_column: bool = False
     against: str = "speed"
     plausible: Mapping[str, float] = field(default_factory=dict, hash=False)
 
@@ -137,6 +139,11 @@ class Cause:
     def key(self) -> str:
         """What tells it from the other causes of a search: the name, with the body where it is of one."""
         return f"{self.name} ({self.about})" if self.about else self.name
+
+    @property
+    def kind(self) -> str:
+        """Fault of the ``data``, wrong ``number`` of the model, or ``effect`` that the model lacks."""
+        return "data" if self.of_column else "number" if self.error else "effect"
 
     @property
     def forms(self) -> list[Variant]:

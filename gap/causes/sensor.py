@@ -1,4 +1,4 @@
-"""The encoder, and the host that logs what it reads."""
+"""The encoder, and the host that logs what it reads; and the torque column of a log that is judged by it."""
 
 from __future__ import annotations
 
@@ -46,3 +46,44 @@ def delay(nominal: JointModel) -> Cause:
         variants=((late,),),
         degenerates_to=Limit("drive.delay", "neither duty nor current was logged"),
     )
+
+
+def of_torque_column(start: float, reach: float, size: float) -> list[Cause]:
+    """What may be wrong with a torque column, under the names of the same faults of an encoder.
+
+    Args:
+        start: delay at which a shift against the motion is seen [s].
+        reach: largest delay that is tried [s].
+        size: of the torque (rms) [N.m].
+    """
+    delays = [Parameter("torque.delay", "s", -reach, reach, min(max(at, -reach), reach), 0.003)
+              for at in dict.fromkeys((start, 0.005, -0.005))]  # fmt: skip
+    shift = Parameter("torque.offset", "N.m", -5.0 * size, 5.0 * size, 0.05 * size, 0.02 * size)
+    scales = [Parameter("torque.scale", "1", -10.0, 10.0, at, 0.05) for at in (1.0, -1.0)]
+    return [
+        Cause(
+            name="sensor.offset",
+            sentence="The torque column is shifted by a constant.",
+            picture="residual_against_position",
+            variants=((shift,),),
+            error=True,
+            of_column=True,
+        ),
+        Cause(
+            name="sensor.scale",
+            sentence="The torque column reads more or less than the torque.",
+            picture="residual_against_position",
+            variants=tuple((factor,) for factor in scales),
+            error=True,
+            of_column=True,
+        ),
+        Cause(
+            name="sensor.delay",
+            sentence="Torque and motion were not read at the same time: the torque column is late, or early where the "
+            "delay is below zero.",
+            picture="response",
+            variants=tuple((delay,) for delay in delays),
+            error=True,
+            of_column=True,
+        ),
+    ]

@@ -1,8 +1,9 @@
-"""What a driven replay of a joint can show, and what it says of the rest."""
+"""What a joint that moves as measured can show, driven by its commands or judged by its torque."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,10 @@ from ..log.finding import Finding
 from ..log.torque_side import side_note
 from ..replay.driven import DrivenProblem, efforts_of, is_elastic, not_predicted
 from ..replay.joint_model import JointModel
+from ..replay.torque import TorqueProblem, acts
+from .catalogue import catalogue, checked
 from .cause import Cause, View, visible
+from .sensor import of_torque_column
 
 JUDGED = {
     "position": "the motor's position against the measured link",
@@ -35,6 +39,24 @@ def view_of(problem: DrivenProblem, nominal: JointModel) -> View:
 def shown(problem: DrivenProblem, nominal: JointModel, causes: Sequence[Cause]) -> tuple[list[Cause], list[str]]:
     """Causes that the driven replay can show, and names of those that it cannot."""
     return visible(causes, view_of(problem, nominal))
+
+
+def shown_by_torque(problem: TorqueProblem, nominal: JointModel, names: Sequence[str] | None) -> list[Cause]:
+    """Causes that the torque along a measured motion can show: those of load and friction, and of the column itself.
+
+    Args:
+        problem: the torque.
+        nominal: the joint.
+        names: of the causes to consider; default: all of them.
+    """
+    found = []
+    for cause in catalogue(nominal, names):
+        variants = tuple(variant for variant in cause.variants if all(acts(p.number) for p in variant))
+        if variants and not cause.name.startswith("sensor."):
+            found.append(replace(cause, variants=variants))
+    size = float(np.sqrt(np.mean(problem.measured[:, 0] ** 2)))
+    faults = of_torque_column(-problem.shift.seconds, problem.reach, max(size, 1e-6))
+    return [*found, *(cause for cause in faults if cause.name in checked(names))]
 
 
 def limits(problem: DrivenProblem, joint: str, hidden: Sequence[str]) -> tuple[Finding, ...]:

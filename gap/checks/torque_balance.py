@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +24,6 @@ next swing of a periodic motion may fit better than the true shift; buffers of m
 ERROR_BLOCK = 0.5  # [s] errors closer than this are taken as one observation
 SHIFT_BIAS = 2e-3
 """What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
-MAX_SHIFT = SHIFT_REACHES[-1] + SHIFT_BIAS  # [s] end of the interval of any shift that was measured
 MAX_BRIDGED_GAP = (
     0.03  # [s] without torque, or without any sample, that a straight line bridges: a quarter of the window
 )
@@ -48,6 +47,7 @@ class TorqueBalance:
         torques: logged torque, averaged, at every shift (m, shifts).
         block: number of the block of each row (m,), counted from zero.
         run: index of the run of each row (m,).
+        time: of each row since the start of its run (m,) [s].
         shifts: that were tried (shifts,) [s]: the motion of now against the torque of that much earlier.
     """
 
@@ -55,6 +55,7 @@ class TorqueBalance:
     torques: Array
     block: np.ndarray
     run: np.ndarray
+    time: Array
     shifts: Array
 
     @property
@@ -65,7 +66,14 @@ class TorqueBalance:
     def only(self, rows: np.ndarray) -> TorqueBalance:
         """The balance of some rows: what is not in it cannot be seen by accident."""
         _, block = np.unique(self.block[rows], return_inverse=True)
-        return TorqueBalance(self.terms[rows], self.torques[rows], block, self.run[rows], self.shifts)
+        return replace(
+            self,
+            terms=self.terms[rows],
+            torques=self.torques[rows],
+            block=block,
+            run=self.run[rows],
+            time=self.time[rows],
+        )
 
     def fit(self, shift: int) -> Array:
         """Numbers of :data:`BALANCE_TERMS` that explain the torque at a shift best (5,)."""
@@ -118,7 +126,7 @@ def shifted_balance(
     loads: Sequence[tuple[float, float]],
     seen: Callable[[TorqueBalance], np.ndarray] = every_row,
 ) -> tuple[TorqueBalance, Shift] | None:
-    """Return the balance of all runs together and its shift, as far as :data:`SHIFT_REACHES` and the runs allow.
+    """Return the balance of all runs together and its shift, looked for as far as :data:`SHIFT_REACHES` and runs allow.
 
     Args:
         runs, loads: as of :func:`torque_balance`.
@@ -165,7 +173,8 @@ def torque_balance(
     terms, torques = (np.concatenate([piece[k] for piece in pieces.values()]) for k in (0, 1))
     _, block = np.unique(np.concatenate([p[2] + 100_000 * k for k, p in pieces.items()]), return_inverse=True)
     run = np.repeat(list(pieces), [len(piece[2]) for piece in pieces.values()])
-    return TorqueBalance(terms, torques, block, run, np.asarray(steps * GRID_STEP, dtype=np.float64))
+    time = np.concatenate([piece[3] for piece in pieces.values()])
+    return TorqueBalance(terms, torques, block, run, time, np.asarray(steps * GRID_STEP, dtype=np.float64))
 
 
 def torque_shift(balance: TorqueBalance) -> Shift:
@@ -225,42 +234,80 @@ def acceleration_noise(noise: float, period: float) -> float:
     return noise * float(np.sqrt(held) * np.linalg.norm(second) / window.sum())
 
 
+@dataclass(frozen=True, eq=False)
+class WeakForm:
+    """A run on an even grid, averaged; arrays are (g,).
+
+    Attributes:
+        time: of the grid points since the start of the run [s].
+        angle, sine, cosine: of the position [rad], [1], [1].
+        speed: [rad/s].
+        acceleration: [rad/s2].
+        torque: as logged [N.m], NaN where it or the clock has a gap.
+    """
+
+    time: Array
+    angle: Array
+    sine: Array
+    cosine: Array
+    speed: Array
+    acceleration: Array
+    torque: Array
+
+    @classmethod
+    def of(cls, time: Array, position: Array, torque: Array) -> WeakForm:
+        """Of a run (n,) [s], [rad], [N.m]."""
+        torque = _bridged(time, torque)
+        grid = np.arange(time[0], time[-1], GRID_STEP)
+        angle = np.interp(grid, time, position)
+        _, first, second = _kernels()
+        waits = np.diff(time)  # across a gap neither torque nor motion is known; a slow clock has none for that
+        lost = (waits > max(MAX_BRIDGED_GAP, 2.0 * float(np.median(waits))))[
+            np.searchsorted(time[1:-1], grid, side="right")
+        ]
+        return cls(
+            grid - grid[0],
+            averaged(angle),
+            averaged(np.sin(angle)),
+            averaged(np.cos(angle)),
+            -averaged(angle, first),
+            averaged(angle, second),
+            averaged(np.where(lost, np.nan, np.interp(grid, time, torque))),  # what a missing one touches is NaN
+        )
+
+    def inside(self, margin: float) -> np.ndarray:
+        """Grid points, :data:`ROW_STRIDE` apart, whose window and so much more [s] to both sides is in the run (m,)."""
+        edge = round((0.5 * WEAK_FORM_WINDOW + margin) / GRID_STEP)
+        return np.arange(edge, len(self.time) - edge, ROW_STRIDE)
+
+
+def averaged(values: Array, kernel: Array | None = None) -> Array:
+    """Values on the grid (g,), averaged by the window of the weak form, or by a derivative of it."""
+    window = _kernels()[0]
+    return np.convolve(values, (window if kernel is None else kernel)[::-1], "same") / window.sum()
+
+
 def _weak_form(
     time: Array, position: Array, torque: Array, inertia: float, gravity: float, steps: np.ndarray
-) -> tuple[Array, Array, np.ndarray]:
-    """Terms (m, 5), torque at every shift of so many steps (m, shifts) and block (m,) of one run."""
-    torque = _bridged(time, torque)
-    grid = np.arange(time[0], time[-1], GRID_STEP)
-    angle = np.interp(grid, time, position)
-    window, first, second = _kernels()
-    half = len(window) // 2
-
-    def averaged(values: Array, kernel: Array) -> Array:
-        return np.convolve(values, kernel[::-1], "same") / window.sum()
-
-    speed = -averaged(angle, first)
+) -> tuple[Array, Array, np.ndarray, Array]:
+    """Terms (m, 5), torque at every shift of so many steps (m, shifts), block (m,) and time (m,) of one run."""
+    form = WeakForm.of(time, position, torque)
     columns = [
-        inertia * averaged(angle, second),
-        gravity * averaged(np.sin(angle), window),
-        averaged(np.tanh(speed / REVERSAL_SPEED), window),
-        speed,
-        np.ones_like(grid),
+        inertia * form.acceleration,
+        gravity * form.sine,
+        averaged(np.tanh(form.speed / REVERSAL_SPEED)),
+        form.speed,
+        np.ones_like(form.time),
     ]
-    waits = np.diff(time)  # across a gap neither torque nor motion is known; a slow clock has none for that
-    lost = (waits > max(MAX_BRIDGED_GAP, 2.0 * float(np.median(waits))))[
-        np.searchsorted(time[1:-1], grid, side="right")
-    ]
-    smooth = averaged(np.where(lost, np.nan, np.interp(grid, time, torque)), window)
-    inside = np.arange(half + len(steps), len(grid) - half - len(steps), ROW_STRIDE)
-    shifted = smooth[inside[:, None] - steps]
-    good = np.isfinite(shifted).all(axis=1)  # a missing torque makes all that it touches NaN
+    inside = form.inside(len(steps) * GRID_STEP)
+    shifted = form.torque[inside[:, None] - steps]
+    good = np.isfinite(shifted).all(axis=1)
     inside, shifted = inside[good], shifted[good]
-    block = ((grid[inside] - grid[0]) / ERROR_BLOCK).astype(int)
-    return np.stack(columns, axis=1)[inside], shifted, block
+    return np.stack(columns, axis=1)[inside], shifted, (form.time[inside] / ERROR_BLOCK).astype(int), form.time[inside]
 
 
 def _bridged(time: Array, torque: Array) -> Array:
-    """The torque (n,) with straight lines over missing values, NaN where they exceed :data:`MAX_BRIDGED_GAP`."""
+    """The torque (n,) with straight lines over missing values, NaN beyond :data:`MAX_BRIDGED_GAP`."""
     known = np.flatnonzero(np.isfinite(torque))
     if len(known) == len(torque):
         return torque

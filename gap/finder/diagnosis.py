@@ -55,10 +55,10 @@ from ..search.windows import in_windows
 from ..verdict.decide import decide
 from ..verdict.evidence import Refused, Replayed
 from ..verdict.refusal import refuse, refuse_divergence
-from ..verdict.torque import diagnose_torque
 from ..verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors, rivals_of
 from ..verdict.words import recording_reasons
 from .parallel import side_by_side
+from .torque import replay_of_torque
 
 LOGGER = logging.getLogger("sealegs")
 
@@ -207,7 +207,9 @@ def diagnose_joint(
     """
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     if not _is_commanded(machine, joint):  # only its torque can be judged
-        return diagnose_torque(_with_believed_loads(machine).runs, joint, mine, request)
+        replay, mine = replay_of_torque(_with_believed_loads(machine).runs, joint, mine, request)
+        case = replace(_judged(joint, replay), findings=mine)
+        return conclude(case, _search(case, request), request)
     case = joint_case(machine, joint, mine, request, more)
     if isinstance(case, NotReplayed):
         return refuse(joint, case.why, case.findings)

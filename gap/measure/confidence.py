@@ -80,10 +80,6 @@ class Thresholds:
     at_rest: float = threshold(
         1e-3, "Share of the range tried: an interval that comes this close to the value without effect includes it."
     )
-    torque_explained: float = threshold(0.15, "Largest unexplained share of a torque gap that counts as explained.")
-    torque_as_good: float = threshold(
-        1.05, "Torque error, relative to the tuned one, up to which the numbers of the sidecar are as good."
-    )
 
 
 THRESHOLDS = Thresholds()

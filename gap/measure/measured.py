@@ -379,7 +379,7 @@ def _name_causes(
                     if p.path in model.fitted.values
                 },
                 gain=max(1.0 - float(np.sqrt(final.blocks.sum() / without)), 0.0),
-                kind="number" if candidate.cause.error else "effect",
+                kind=candidate.cause.kind,
                 picture=candidate.cause.picture,
                 rivals=rivals,
                 standing=standing(sure, rivals, contradicted=contradicted),

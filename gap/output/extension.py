@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -17,7 +17,6 @@ from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..replay.joint_model import JointModel
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Target, about, address
 from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
@@ -35,6 +34,7 @@ OWNERS: dict[Target, Owner] = {
     Target.LOAD: "robot",
     Target.GROUND: "robot",
     Target.HOST: "log",
+    Target.TORQUE: "log",
 }
 """What the targets of a diagnosis are of a machine. How its host reads it (an offset, a scale of the log) is nothing of
 the machine: whoever uses the extended model is told to correct the log.
@@ -51,8 +51,8 @@ def changes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
     named = {cause.name for cause in diagnosis.causes}
     owner = {p.path: c.cause.name for c in diagnosis.search.accepted if c.cause.name in named for p in c.variant}
     owner |= diagnosis.shared
-    joint = diagnosis.problem.joint
-    tight = [] if joint is None else adjustable(joint.models[0])
+    machines = diagnosis.problem.machines
+    tight = adjustable(machines[0][0]) if machines else []
     ends = {p.path: (p.low, p.high) for p in tight if p.relative}
     rows = []
     for path, value in diagnosis.values.items():
@@ -94,8 +94,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, taken: T
                 continue
             change = Change(diagnosis.joint, number, row["from"], row["to"], cause, _owner(number), why == REFITTED)
             found.append(change)
-        if (joint := _joint(diagnosis)) is not None:
-            believed += [dict(params) for params in joint.params if params]
+        believed += [dict(params) for _, params in _machines(diagnosis) if params]
     for joint in dict.fromkeys(joint for run in data.runs for joint in run.joints):
         if joint not in chains and (chain := _believed(joint, data.runs, robot)) is not None:
             chains[joint] = (Mounted(chain, ""),)
@@ -147,16 +146,15 @@ def _chains(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun], prefix: str)
     )
 
 
-def _joint(diagnosis: JointDiagnosis) -> JointProblem | None:
-    return None if diagnosis.problem is None else diagnosis.problem.joint
+def _machines(diagnosis: JointDiagnosis) -> tuple[tuple[JointModel, Mapping[str, float]], ...]:
+    return () if diagnosis.problem is None else diagnosis.problem.machines
 
 
 def _variants(diagnosis: JointDiagnosis) -> list[tuple[JointModel, dict[str, float]]]:
     """The extended joint for each nominal chain of the runs, with numbers of the bench; none of several joints."""
     found: dict[str, tuple[JointModel, dict[str, float]]] = {}
-    if (joint := _joint(diagnosis)) is not None:
-        for nominal, params in zip(joint.models, joint.params, strict=True):
-            found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(diagnosis.values), dict(params)))
+    for nominal, params in _machines(diagnosis):
+        found.setdefault(nominal.chain.to_yaml(), (nominal.with_fitted(diagnosis.values), dict(params)))
     return list(found.values())
 
 

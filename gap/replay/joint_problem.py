@@ -103,6 +103,11 @@ class JointProblem(Problem):
         return self
 
     @property
+    def machines(self) -> tuple[tuple[JointModel, Mapping[str, float]], ...]:
+        """Its models, each with the parameters of its run."""
+        return tuple(zip(self.models, self.params, strict=True))
+
+    @property
     def sampled(self) -> tuple[int, ...]:
         """Channels that are compared sample by sample."""
         return self.by_sample

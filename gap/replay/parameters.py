@@ -23,9 +23,16 @@ class Target(Enum):
     LOAD = "load behind the joint"
     HOST = "host that logs the reading"
     GROUND = "ground under a foot"
+    TORQUE = "torque column of a log"
 
 
-OWNERS = {"load": Target.LOAD, "host": Target.HOST, "gear_ratio": Target.GEAR, "contact": Target.GROUND}
+OWNERS = {
+    "load": Target.LOAD,
+    "host": Target.HOST,
+    "gear_ratio": Target.GEAR,
+    "contact": Target.GROUND,
+    "torque": Target.TORQUE,
+}
 """Targets by the first word of a path; any other word is the name of a stage."""
 FACTOR = "*"
 """Last character of a path whose value is a factor on the nominal value."""
@@ -101,7 +108,7 @@ class Parameter:
     """One number of a joint.
 
     Attributes:
-        number: ``owner.key``; the owner is a stage, ``load``, ``host``, ``gear_ratio`` or ``contact``.
+        number: ``owner.key``; the owner is a stage, ``load``, ``host``, ``gear_ratio``, ``contact`` or ``torque``.
         unit: of the value.
         low, high: bounds.
         start: where a fit starts.

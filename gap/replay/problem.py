@@ -20,6 +20,7 @@ from ..log.types import LogError
 from .comparison import robust_loss
 
 if TYPE_CHECKING:
+    from .joint_model import JointModel
     from .joint_problem import JointProblem
 
 CALIBRATION = 0.01
@@ -27,6 +28,9 @@ CALIBRATION = 0.01
 
 OF_A_ROBOT = 0.02
 """The same of a joint of a robot, whose file and whose other joints have errors of their own: assumed."""
+
+CLOCK = 0.03
+"""What time stamps, and one column beside another, are late or early by, in sample periods."""
 
 NOISE_FLOORS = "noise floors"
 """Unit of errors of joints whose own units differ: each in parts of its joint's noise."""
@@ -122,6 +126,11 @@ class Problem(ABC):
         return None
 
     @property
+    def machines(self) -> tuple[tuple[JointModel, Mapping[str, float]], ...]:
+        """Nominal joint and bench parameters of each run, where fitted values make an extended chain of it."""
+        return ()
+
+    @property
     def open_loop(self) -> bool:
         """Whether nothing holds a replay near what was measured, so that its small errors add up."""
         return False
@@ -199,6 +208,11 @@ class Problem(ABC):
         """Which picture shows a cause in this replay that names one; empty where none does."""
         del named
         return ""
+
+    @property
+    def clock(self) -> float:
+        """What all times of the data are late or early by [s]."""
+        return CLOCK * max(periods_of(self))
 
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data."""

@@ -14,7 +14,7 @@ from .alike import inertia_room
 from .bounded import FLAT, nearest_within, root_of, solved
 from .delays import at_samples
 from .fit import Fit
-from .stamps import CLOCK, moved_by_late_columns, over_a_step, seconds_of
+from .stamps import moved_by_late_columns, over_a_step, seconds_of
 from .torque_gauge import is_torque, room
 
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
@@ -78,7 +78,7 @@ def intervals(
             least, most = min(least, value * smaller, value * larger), max(most, value * smaller, value * larger)
         values = [fit.values[p.path] for fit in halves if p.path in fit.values]
         second = seconds_of(p, problem)
-        shared = CLOCK * period / second if second else problem.systematic_error(p.path) * abs(value)
+        shared = problem.clock / second if second else problem.systematic_error(p.path) * abs(value)
         late = 0.5 * abs(p.from_fit(u[k] + moved[k]) - p.from_fit(u[k] - moved[k]))
         apart = max(values) - min(values) if values else 0.0
         wide = float(np.linalg.norm([0.5 * (most - least), apart, shared, late]))

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-EFFORT, COLUMNS, ROBOT, TORQUE, TOLD = (
+EFFORT, COLUMNS, ROBOT, TOLD = (
     "What bounds the effort",
     "Which columns count",
     "What joints of a robot share",
-    "Logs of torque alone",
     "What is reported beside a cause",
 )
 """Headings of the settings that cannot be varied on a recorded search."""
@@ -262,26 +261,8 @@ class SearchSettings:
         about=ROBOT,
     )
 
-    # --- logs of torque alone
-    most_torque_causes: int = threshold(4, "Causes after which the search in a torque log ends.", about=TORQUE)
-    shift_certainty: float = threshold(
-        0.9,
-        "Share of bootstrap draws in which the time shift of a torque column must have the same sign.",
-        about=TORQUE,
-    )
-    shift_error: float = threshold(
-        0.995, "Error with a time shift, relative to that without, below which the shift is considered.", about=TORQUE
-    )
-    least_shift: float = threshold(
-        2e-3,
-        "Least time shift [s] that counts: two steps of the grid to which logs are resampled.",
-        about=TORQUE,
-    )
-
     # --- what is told beside a cause
-    verdict_draws: int = threshold(
-        1000, "Draws of the bootstrap over the test part, and over a torque log.", about=TOLD
-    )
+    verdict_draws: int = threshold(1000, "Draws of the bootstrap over the test part.", about=TOLD)
     place_error: float = threshold(
         0.5, "Share of the squared error that a place, or a few moments, must hold to be reported.", about=TOLD
     )

@@ -13,10 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..replay.parameters import Parameter, absolute, address
-from ..replay.problem import Problem, periods_of
+from ..replay.problem import CLOCK, Problem, periods_of
 from .bounded import bounded_step
 
-CLOCK = 0.03  # of a sample period: what time stamps, and one column beside another, are late or early by
 STEP = 0.5  # of a sample period: either way, where a response that goes from sample to sample cannot tell times apart
 BESIDE = 1.2e-3  # of the range tried: that far from what is believed a wider interval stops, which the data exclude
 DELAY = "delay.seconds"

@@ -26,8 +26,7 @@ from ..measure.signatures import disagreeing
 from ..measure.unseen import first
 from ..replay.problem import OF_A_ROBOT
 from ..search.structure import listed
-from .balanced import balanced
-from .evidence import Balanced, Evidence, Refused, Replayed
+from .evidence import Evidence, Refused, Replayed
 from .verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, WORST_FIRST, Reason, Verdict
 from .words import also, certainty, change, fall, firmly, is_guess, levels, open_reason, size, some, subject, verb
 
@@ -42,8 +41,6 @@ def decide(evidence: Evidence, limit: Thresholds = THRESHOLDS) -> Verdict:
     match evidence:
         case Refused():
             return _refused(evidence)
-        case Balanced():
-            return balanced(evidence, limit)
         case Replayed():
             return _replayed(evidence, limit)
 

@@ -9,7 +9,7 @@ from ..experiment import DetectionLimit
 from ..log.finding import Finding
 from ..measure.case import Case
 from ..measure.measured import Measured
-from ..measure.named import Error, NamedCause, OpenCause
+from ..measure.named import NamedCause
 from ..search.structure import Structure
 from .verdict import DataError
 
@@ -60,24 +60,6 @@ class Replayed:
 
 
 @dataclass(frozen=True)
-class Balanced:
-    """Evidence of a torque balance: errors on the test blocks, causes if any, what stays, and what was withdrawn.
-
-    Attributes:
-        shift: by which the torque column is out of step, where that is among the causes [s].
-        turned: the numbers that refitting turned, where the refitted model does better on unseen data than the causes.
-    """
-
-    joint: str
-    errors: Mapping[str, Error]
-    causes: Sequence[NamedCause]
-    left: float
-    open_causes: Sequence[OpenCause] = ()
-    shift: float | None = None
-    turned: str = ""
-
-
-@dataclass(frozen=True)
 class Refused:
     """Why a log or a joint cannot be judged.
 
@@ -92,4 +74,4 @@ class Refused:
     usable: bool = False
 
 
-Evidence = Replayed | Balanced | Refused
+Evidence = Replayed | Refused

@@ -22,12 +22,11 @@ from sealegs.gap.measure.named import (
     Error,
     NamedCause,
     OpenCause,
-    Value,
 )
 from sealegs.gap.output.document import overall as of_documents
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.verdict.decide import MAX_SENTENCE_WORDS, decide, overall
-from sealegs.gap.verdict.evidence import Balanced, Refused, Replayed
+from sealegs.gap.verdict.evidence import Refused, Replayed
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, DataError
 
 from tests.replayed_evidence import evidence, with_measured
@@ -159,31 +158,6 @@ CASES = {
 }
 
 
-def shift(seconds: float) -> NamedCause:
-    value = Value(seconds, seconds - 0.002, seconds + 0.002, "s", 0.0)
-    return NamedCause("sensor.delay", "It lags.", "servo", 0.4, 0.99, {"torque.delay": value}, 0.3, "data")
-
-
-def balanced(*causes: NamedCause, left: float, nominal: float = 0.5, **more) -> Balanced:
-    gap = {"nominal": nominal, "refitted": 0.2, "extended": 0.1, "noise_floor": 0.02}
-    return Balanced("servo", {name: error(rmse) for name, rmse in gap.items()}, causes, left, **more)
-
-
-CASES |= {
-    "a torque column out of step": (balanced(shift(0.01), left=0.149, shift=0.01), EXPLAINED),
-    "the same, with more left": (balanced(shift(0.01), left=0.15, shift=-0.01), PARTLY),
-    "a torque column in step": (balanced(left=0.049, nominal=0.104), NOTHING),
-    "a torque that tuned numbers explain": (balanced(left=0.05), NOTHING),
-    "a torque that they do not, without a cause": (balanced(left=0.3), NOT_IDENTIFIABLE),
-    "a torque that refitted numbers explain, and no single cause": (
-        balanced(left=0.05, turned="friction.coulomb x 0.33"),
-        NOT_IDENTIFIABLE,
-    ),
-    "a torque that a guess explains": (balanced(cause("load.mass", 0.05), left=0.1), NOT_IDENTIFIABLE),
-    "a torque whose cause has rivals": (balanced(cause("load.mass", 0.5, NEAR), left=0.1), NOT_IDENTIFIABLE),
-}
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_the_verdict_is_the_one_that_the_rules_give(name: str) -> None:
     evidence, verdict = CASES[name]
@@ -206,7 +180,7 @@ def many(count: int, sure: float = 0.95, rivals: tuple[str, ...] = ()) -> list[N
     return [cause(name, sure, rivals, 0.3) for name in ("drive.delay", "load.mass", "contact.blocked")[:count]]
 
 
-def of_long_joint() -> Iterator[Replayed | Balanced]:
+def of_long_joint() -> Iterator[Replayed]:
     """Every branch with none to three causes, withdrawn ones and rivals."""
     levels = [(level, left, after) for level in (0.0, 0.5, 5.0) for left in (0.0, 0.2) for after in (NOISE, 0.009)]
     opened = [tuple(OpenCause(name, WITHDRAWN, "worse") for name in THREE[:count]) for count in (0, *NUMBERS)]
@@ -221,19 +195,12 @@ def of_long_joint() -> Iterator[Replayed | Balanced]:
         yield replayed(findings=(HELD,), hidden=names)
         yield replayed(blind_to=names)
         yield replayed(blind_to=names, hidden=names)
-        for count, left, sure in itertools.product(NUMBERS, (0.1, 0.2), (0.5, 0.95)):
-            yield balanced(*many(count, sure, names), left=left)
-            yield balanced(shift(0.01), *many(count - 1, sure, names), left=left, shift=0.01)
     yield replayed(data_errors=(POSITION,))
     yield replayed(tuned=NOISE, factors={"dc_motor.motor_constant": 1.05})
-    for withdrawn, nominal in itertools.product(opened, (0.1, 0.5)):
-        yield balanced(left=0.1, nominal=nominal, open_causes=withdrawn)
 
 
-def named(evidence: Replayed | Balanced, joint: str) -> Replayed | Balanced:
+def named(evidence: Replayed, joint: str) -> Replayed:
     """The same of another joint."""
-    if isinstance(evidence, Balanced):
-        return replace(evidence, joint=joint)
     return replace(evidence, case=replace(evidence.case, joint=joint))
 
 
@@ -268,10 +235,6 @@ def test_errors_of_the_log_come_before_all_other_reasons() -> None:
 def test_a_range_that_only_the_test_part_has_is_no_reason_for_what_is_explained() -> None:
     assert not decide(replayed(cause(), beyond=BEYOND)).because("beyond")
     assert not decide(replayed(blind_to=("load.mass",), beyond=BEYOND)).because("beyond")
-
-
-def test_how_far_a_torque_column_is_out_of_step_is_told_without_its_sign() -> None:
-    assert "(10 ms out of step)" in decide(balanced(shift(0.01), left=0.1, shift=-0.01)).sentence
 
 
 def test_confidence_is_the_win_rate_less_by_what_no_cause_explains() -> None:
