@@ -84,7 +84,7 @@ def _fresh(seed: int, values: Mapping[str, float]) -> dict[str, float]:
     from sealegs.gap.replay.driven import driven_problem
     from sealegs.gap.replay.free import free_problem
     from sealegs.gap.replay.joint_model import JointModel
-    from sealegs.gap.replay.joint_problem import converged
+    from sealegs.gap.replay.problem import converged
 
     from testbed import hidden_wide
 

@@ -21,7 +21,7 @@ from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.prepare.checking import check_log
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
-from sealegs.gap.replay.joint_problem import converged
+from sealegs.gap.replay.problem import converged
 
 from benchmarks.robot_logs import DATA, SO101_JOINTS, so101
 

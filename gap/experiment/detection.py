@@ -11,7 +11,7 @@ import numpy as np
 
 from ..causes.cause import Variant
 from ..log.parts import FIT_A, FIT_B
-from ..replay.joint_problem import JointProblem
+from ..replay.problem import JointProblem
 from ..search.bounded import bounded_step
 from ..search.result import Search
 from .proposal import NORMAL_RIDGE, VISIBLE_DIFFERENCE, Hypothesis, Prediction, everything, predict, thinned

@@ -11,7 +11,7 @@ from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import MeasuredRun
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.joint_problem import JointProblem
+from ..replay.problem import JointProblem
 from ..search.fit import Fit
 from ..search.result import Search
 from ..search.torque_gauge import is_open

@@ -20,8 +20,8 @@ from ..log.parts import FIT_A, FIT_B, Unit
 from ..log.types import JointLog, MeasuredRun
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Parameter, numbers
+from ..replay.problem import JointProblem
 from ..replay.simulator import CHANNELS
 from ..search.bounded import bounded_step
 from ..search.fit import merge, middle

@@ -38,7 +38,7 @@ from ..prepare.resting import without_rests
 from ..replay.driven import driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.joint_problem import converged
+from ..replay.problem import converged
 from ..replay.reading import as_read
 from ..replay.tree import HELD
 from ..robot.encoders import beside_tilt

@@ -14,9 +14,8 @@ import numpy as np
 
 from ..load.terms import E_BIAS, E_COUPLING, E_INERTIA, T_OWN
 from ..log.parts import FIT_A, FIT_B
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Parameter
-from ..replay.problem import OF_A_ROBOT
+from ..replay.problem import OF_A_ROBOT, JointProblem
 from ..search.correlated import reading_error, shared
 from ..search.fit import Fit, fit
 from .confidence import Adrift

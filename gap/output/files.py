@@ -16,7 +16,7 @@ from ..log.parts import TEST
 from ..log.progress import Milestone, Progress
 from ..log.types import LogError, MeasuredSet
 from ..replay.engine import STEP, bench, replay_in_engine
-from ..replay.joint_problem import JointProblem, largest_step
+from ..replay.problem import JointProblem, largest_step
 from ..replay.simulator import joint_state
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document

@@ -20,8 +20,8 @@ from ..log.types import JointLog, LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
 from .joint_model import JointModel
-from .joint_problem import Batch, JointProblem
 from .layout import lay_out
+from .problem import Batch, JointProblem
 
 # of a hinge
 UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..checks.signal import derivatives
 from ..log.types import Array, MeasuredRun
-from .joint_problem import JointProblem
+from .problem import JointProblem
 
 EDGE = 8  # samples at both ends of a piece whose differences are not used
 FAR = 0.3  # of a joint's motion: the error of a replay that is of another motion

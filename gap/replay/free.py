@@ -12,9 +12,8 @@ from ..load.terms import T_COLUMNS
 from ..log.parts import Unit
 from ..log.types import MeasuredRun
 from .joint_model import JointModel
-from .joint_problem import ROBOT_STEP, STEPS, Batch, JointProblem
 from .layout import lay_out
-from .problem import OF_A_ROBOT
+from .problem import OF_A_ROBOT, ROBOT_STEP, STEPS, Batch, JointProblem
 from .simulator import CHANNELS, replay_many
 
 NO_TERMS = np.zeros((0, T_COLUMNS))

@@ -32,7 +32,7 @@ SHORTEST = 2.0  # [s] of a run below which nothing warms
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Units of one joint as flat columns: attributes of :class:`sealegs.gap.replay.joint_problem.JointProblem`."""
+    """Units of one joint as flat columns: attributes of :class:`sealegs.gap.replay.problem.JointProblem`."""
 
     units: tuple[Unit, ...]
     params: tuple[dict[str, float], ...]

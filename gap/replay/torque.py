@@ -42,9 +42,8 @@ from .axis import Axis
 from .comparison import Comparison, Groups, robust_loss
 from .driven_simulator import law_along
 from .joint_model import JointModel
-from .joint_problem import FAR
 from .parameters import Target, absolute, address
-from .problem import Problem
+from .problem import FAR, Problem
 
 STOPS = ("stop_angle", "lower_stop")  # numbers of a load that no motion beside them shows
 MOST_KEPT = 2**26  # bytes of torques of friction
@@ -237,8 +236,9 @@ def _friction(form: WeakForm, friction: Friction, free: Array, external: Array) 
     way, given = np.tanh(form.speed / REVERSAL_SPEED), free
     for _ in range(1 + by_load(friction)):  # friction by load grows by what it takes itself
         law_along(
-            program.copy(), constants, on.astype(float), form.time, given, on, form.angle, form.speed, external, out
-        )
+            program.copy(), constants, on.astype(float), form.time, given, on,
+            form.angle, w=form.speed, external=external, out=out,
+        )  # fmt: skip
         given = free + given - out[:, 0] + out[:, 1] * way
     return averaged(given - free)
 

@@ -20,8 +20,8 @@ from ..log.types import Array, JointLog, MeasuredRun
 from ..measure.confidence import THRESHOLDS, standing
 from ..measure.measured import Measured
 from ..prepare.request import Request
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import BAR, Parameter, absolute
+from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import fit, merge, middle
 from ..search.sketch import spread

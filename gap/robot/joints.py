@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..causes.catalogue import adjustable
 from ..log.finding import Finding
 from ..log.types import Array
-from ..replay.joint_problem import JointProblem
+from ..replay.problem import JointProblem
 from ..search.result import Search
 from ..search.settings import SearchSettings
 from ..search.windows import in_windows

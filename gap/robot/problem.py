@@ -15,9 +15,8 @@ import numpy as np
 
 from ..load.terms import T_OWN, T_SIZE
 from ..log.types import Array
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import address
-from ..replay.problem import NOISE_FLOORS, Problem, rows_of
+from ..replay.problem import NOISE_FLOORS, JointProblem, Problem, rows_of
 from ..search.correlated import excess
 
 SMOOTHING_LEFT = 0.03

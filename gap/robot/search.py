@@ -19,8 +19,8 @@ from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
 from ..replay.flattened import flattened
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import BAR, Parameter
+from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import merge, middle
 from ..search.forward import Searcher

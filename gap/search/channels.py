@@ -19,8 +19,8 @@ import numpy as np
 from ..causes.catalogue import adjustable
 from ..checks.signal import typical_noise
 from ..log.parts import FIT_A, FIT_B
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import address, numbers
+from ..replay.problem import JointProblem
 from .fit import fit
 from .settings import DEFAULT, SearchSettings
 

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B
-from ..replay.joint_problem import JointProblem
-from ..replay.problem import Problem
+from ..replay.problem import JointProblem, Problem
 from .loose import beside_refitted, charged, search_loosely
 from .result import Search
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..causes.contact import STOPS
 from ..checks.stops import STOP_FOLLOWING, follows
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Parameter
+from ..replay.problem import JointProblem
 
 FELT = 3.0  # noise floors by which a stop must change the position to act at a sample
 BEYOND = 0.01  # [rad] that a goal must be beyond the joint to push it on, on top of how far it is ahead elsewhere

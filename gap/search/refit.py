@@ -12,9 +12,8 @@ from typing import cast
 
 import numpy as np
 
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem
+from ..replay.problem import JointProblem, Problem
 from .fit import Fit, fit
 from .settings import SearchSettings
 from .sketch import fit_from_sketch, is_long, most_iterations, sketch

@@ -13,7 +13,7 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 
 from ..replay.comparison import robust_loss, robust_weight
-from ..replay.joint_problem import JointProblem
+from ..replay.problem import JointProblem
 from .bounded import damped_step, may_turn
 
 CONVERGED = 5e-4  # relative improvement of the cost below which a fit ends

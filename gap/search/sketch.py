@@ -11,9 +11,8 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, WARM_UP
 from ..replay.comparison import robust_loss
-from ..replay.joint_problem import STEPS, JointProblem
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem
+from ..replay.problem import STEPS, JointProblem, Problem
 from .fit import Fit, fit
 from .settings import SearchSettings
 from .several import Several

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
 from ..replay.constants import K
-from ..replay.joint_problem import JointProblem
 from ..replay.parameters import Parameter
+from ..replay.problem import JointProblem
 from .fit import fit
 from .settings import DEFAULT, SearchSettings
 

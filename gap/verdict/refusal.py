@@ -8,7 +8,7 @@ from ..experiment import Experiment
 from ..log.finding import Finding
 from ..measure.case import Case
 from ..measure.measured import Measured
-from ..replay.joint_problem import JointProblem, diverged
+from ..replay.problem import JointProblem, diverged
 from .decide import decide
 from .evidence import Refused
 from .verdict import JointDiagnosis

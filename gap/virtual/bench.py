@@ -14,7 +14,7 @@ from ..log.types import JointLog, MeasuredRun
 from ..log.writer import write_run
 from ..replay.engine import bench, replay_in_engine
 from ..replay.joint_model import JointModel
-from ..replay.joint_problem import largest_step
+from ..replay.problem import largest_step
 
 SAMPLE_RATE = 200.0  # [Hz] samples
 STAMP_JITTER = 3e-4  # [s]

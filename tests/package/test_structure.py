@@ -16,7 +16,7 @@ PARTS = (
     "actuators", "agents", "commands", "common", "configs", "envs", "evaluation", "gap", "hw", "papers",
 )  # fmt: skip
 MOST_POSITIONAL = 7
-REBUILT = ("gap/log/importers", "gap/verdict/torque", "gap/replay/joint_problem")
+REBUILT = ("gap/log/importers",)
 """Rooms that are being rebuilt, whose files are looked at again then."""
 
 

@@ -19,8 +19,8 @@ from ...load.terms import E_BIAS, E_COUPLING, E_INERTIA, E_SIZE
 from ...replay.constants import K
 from ...replay.driven_simulator import law_along
 from ...replay.joint_model import JointModel
-from ...replay.joint_problem import JointProblem
 from ...replay.parameters import address
+from ...replay.problem import JointProblem
 from ...replay.simulator import CHANNELS, combine
 from ...verdict.verdict import JointDiagnosis
 

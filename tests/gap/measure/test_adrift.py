@@ -22,9 +22,8 @@ from sealegs.gap.measure.named import CERTAIN, WITHDRAWN, Error, NamedCause, Ope
 from sealegs.gap.measure.shares import telling
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
-from sealegs.gap.replay.joint_problem import JointProblem
 from sealegs.gap.replay.parameters import Parameter
-from sealegs.gap.replay.problem import Problem
+from sealegs.gap.replay.problem import JointProblem, Problem
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.search.where import where

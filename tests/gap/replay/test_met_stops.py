@@ -13,8 +13,8 @@ from sealegs.actuators import load_chain
 from sealegs.gap.log.parts import cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.joint_problem import JointProblem
 from sealegs.gap.replay.parameters import Parameter
+from sealegs.gap.replay.problem import JointProblem
 from sealegs.gap.search.met import unmet
 
 from testbed import hidden_bench

@@ -10,7 +10,7 @@ import pytest
 from sealegs.gap.load.robot import LoggedRobot, Machine
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.prepare.resting import without_rests
-from sealegs.gap.replay.joint_problem import converged, diverged
+from sealegs.gap.replay.problem import converged, diverged
 from sealegs.gap.replay.scene import touches_of
 from sealegs.gap.replay.tree import motion_of, not_free, terms_of
 from sealegs.gap.verdict.refusal import refuse_divergence

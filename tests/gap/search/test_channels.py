@@ -11,7 +11,7 @@ from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.log.parts import cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.joint_problem import converged
+from sealegs.gap.replay.problem import converged
 from sealegs.gap.search.channels import weigh_channels
 from sealegs.gap.search.correlated import excess
 from sealegs.gap.search.fit import fit

@@ -12,7 +12,7 @@ from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.joint_problem import converged
+from sealegs.gap.replay.problem import converged
 from sealegs.gap.search.decide import Standing, decide
 from sealegs.gap.search.fit import merge
 from sealegs.gap.search.forward import Judged, Searcher
