@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .changed import with_changed_numbers
 from .led import search_led
 from .loose import search_loosely
 from .result import Search
@@ -14,8 +15,11 @@ if TYPE_CHECKING:
 
 
 def seek(searcher: Searcher) -> Search:
-    """What is found of a joint: led by its fastest run where one stands out, and beside refitted numbers."""
-    return search_led(searcher, _ways)
+    """What is found of a joint: led by its fastest run where one stands out, and beside refitted numbers.
+
+    Of these numbers, those that the data need are causes, too.
+    """
+    return with_changed_numbers(searcher, search_led(searcher, _ways))
 
 
 def _ways(searcher: Searcher) -> tuple[Search, ...]:
