@@ -158,7 +158,14 @@ class TorqueProblem(Problem):
     def _compared(self) -> Comparison:
         none = np.full(len(self.time), -1)
         return Comparison(
-            (0,), (), self.measured, self.weight, np.ones(self.measured.shape), self.judged, self.block, Groups.of(none)
+            sampled=(0,),
+            averaged=(),
+            measured=self.measured,
+            weight=self.weight,
+            reliability=np.ones(self.measured.shape),
+            judged=self.judged,
+            block=self.block,
+            groups=Groups.of(none),
         )
 
     def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
