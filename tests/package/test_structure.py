@@ -16,8 +16,6 @@ PARTS = (
     "actuators", "agents", "commands", "common", "configs", "envs", "evaluation", "gap", "hw", "papers",
 )  # fmt: skip
 MOST_POSITIONAL = 7
-REBUILT = ("gap/log/importers",)
-"""Rooms that are being rebuilt, whose files are looked at again then."""
 
 
 @cache
@@ -25,8 +23,6 @@ def sources() -> dict[str, tuple[Path, ast.Module]]:
     """File and tree of each module of the package, by its name."""
     found = {}
     for path in sorted(path for part in PARTS for path in (ROOT / part).rglob("*.py")):
-        if path.relative_to(ROOT).as_posix().startswith(REBUILT):
-            continue
         name = ".".join(("sealegs", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
         found[name] = (path, ast.parse(path.read_text()))
     return found

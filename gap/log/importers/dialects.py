@@ -155,10 +155,12 @@ def _row(content: Any, where: str) -> Row:
                 f"{where}: the formula '{formula}' is no expression of {{}}, the column; correct it."
             ) from None
     beside = content.get("not_beside")
-    return Row(_pattern(content["name"], where), str(signal or ""), str(content.get("joint") or ""),
-               unit_of(str(unit)) if unit and unit != "?" else str(unit or ""), str(formula or ""), bit,
-               str(aside or ""), str(content.get("ask") or ""),
-               _pattern(beside, where) if beside else None)  # fmt: skip
+    return Row(
+        _pattern(content["name"], where), signal=str(signal or ""), joint=str(content.get("joint") or ""),
+        unit=unit_of(str(unit)) if unit and unit != "?" else str(unit or ""), formula=str(formula or ""), sign_bit=bit,
+        aside=str(aside or ""), ask=str(content.get("ask") or ""),
+        not_beside=_pattern(beside, where) if beside else None,
+    )  # fmt: skip
 
 
 def claimed(recording: Recording, known: Sequence[Dialect]) -> dict[str, Claim]:

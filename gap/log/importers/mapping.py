@@ -169,8 +169,8 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
         recording.name, table, Sidecar("bench", {}, undriven, {}), recording.source, 0
     )  # checks of the values
     return MeasuredRun(
-        run.name, run.time, run.joints, run.base, said.robot, said.robot_params, said.actuators, recording.source,
-        said.meta, run.host,
+        run.name, time=run.time, joints=run.joints, base=run.base, robot=said.robot, robot_params=said.robot_params,
+        actuators=said.actuators, source=recording.source, meta=said.meta, host=run.host,
     )  # fmt: skip
 
 

@@ -6,16 +6,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...types import Array
 from ..claims import ARM, beside
 from ..names import is_a
-
-if TYPE_CHECKING:
-    from .bags import Topic
+from .topics import Topic
 
 STATES = re.compile(r"_?joint_?states?_?", re.IGNORECASE)
 """What the names of topics of joint states have in common."""

@@ -69,7 +69,16 @@ def recording_of(
     own, of_facts = facts_beside(path)
     notes = [*notes, *cells.notes, *of_facts]
     return Recording(
-        path.stem, cells.columns, path, "table", own | (facts or {}), {}, tuple(notes), {}, cells.left, parts
+        path.stem,
+        columns=cells.columns,
+        source=path,
+        kind="table",
+        facts=own | (facts or {}),
+        roles={},
+        notes=tuple(notes),
+        units={},
+        left=cells.left,
+        parts=parts,
     )
 
 
