@@ -35,11 +35,10 @@ from ..prepare.frames import DOUBTED, in_likely_frames
 from ..prepare.pieces import cut_joint, fit_runs, named_chain
 from ..prepare.request import Request
 from ..prepare.resting import without_rests
-from ..replay.driven import driven_problem
+from ..replay.driven import as_read, driven_problem
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.problem import converged
-from ..replay.reading import as_read
 from ..replay.tree import HELD
 from ..robot.encoders import beside_tilt
 from ..robot.joints import Asked

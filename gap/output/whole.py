@@ -17,7 +17,7 @@ from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
 from ..prepare.checking import check_log
 from ..prepare.resting import without_rests
-from ..replay.whole import Whole, replay_whole, whole, why_not_whole
+from ..replay.engine import Whole, replay_whole, whole, why_not_whole
 from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .extension import Taken, as_taken, believed_still

@@ -23,8 +23,7 @@ from ..replay.frames import Compared, Proposed, compare_frames, stays
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
 from ..replay.slide_directions import Directions, compare_slides
-from ..replay.tree import axis_of
-from ..replay.unlogged import logged, needed
+from ..replay.tree import axis_of, logged, needed
 from ..search.fit import fit
 from ..search.forward import NUMERICAL
 from ..search.settings import DEFAULT

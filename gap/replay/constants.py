@@ -1,10 +1,17 @@
-"""What the compiled replays of a joint read beside the program of its chain."""
+"""How the replays of a joint are compiled, and what they read beside the program of its chain."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from ...actuators.compiled import Compiler
+from ...actuators.compiled import pointer as _pointer
 from ...envs.bench.stops import STOP_DAMPING, STOP_STIFFNESS
+
+compiled = Compiler("the replay of a joint", "about a minute")
+pointer: Any = _pointer  # a type checker sees two arguments, of which numba gives the first
+
+__all__ = ["compiled", "pointer"]
 
 
 class Constants(NamedTuple):

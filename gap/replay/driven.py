@@ -2,6 +2,10 @@
 
 So a leg that touches the ground is diagnosed joint by joint, without a model of the ground. What it cannot show is
 listed in a finding: everything about the load, and what needs a column that the log lacks.
+
+A row's columns were read once the goal of the row acts, or before, under the goal of the row before. Most loops read
+their drives and then write the goals, so that a column answers to the goal of the row before. That looks like a slow
+drive and is none. Along a measured motion nothing else tells of the true delay.
 """
 
 from __future__ import annotations
@@ -12,11 +16,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..checks.recording import DRIVE_LOOP_PERIOD, a_moment_tells
 from ..checks.signal import derivatives, typical_noise
 from ..load.efforts import EFFORTS, predicted
 from ..log.parts import Unit
-from ..log.torque_side import SIDES, Reason, TorqueSide, said_side, side_by_drive
-from ..log.types import JointLog, LogError, MeasuredRun
+from ..log.torque_side import SIDES, SURE, Reason, TorqueSide, numbers_and_spread, said_side, side_by_drive
+from ..log.types import Array, JointLog, LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
 from .joint_model import JointModel
@@ -28,6 +33,8 @@ UNITS = {"position": "rad", "torque": "N.m", "duty": "1", "current": "A"}
 LEAST_TORQUES = 50  # samples of a torque column that can tell what it is of
 MOST_LATE = 0.1  # [s] by which its goals may act later than believed
 MOST_DELAYS = 40  # delays that are tried up to there
+LEAST_READ = 200  # samples from which it can be told
+HALF_A_ROW = 0.5  # of a row, within which the age of a goal must be one
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -217,3 +224,67 @@ def _link(run: MeasuredRun, joint: str) -> np.ndarray:
     position = np.interp(run.time, run.time[good], position[good])
     _, speed, acceleration = derivatives(run.time, position)
     return np.stack([position, speed, acceleration], axis=1)
+
+
+def as_read(problem: DrivenProblem, *, told: bool) -> DrivenProblem:
+    """The problem whose goals act as late as its columns were read early, if they were.
+
+    Args:
+        problem: with the goals as logged.
+        told: whether the checks of the log say so already.
+    """
+    if not told and not read_before_goal(problem):
+        return problem
+    # what a torque is of is shown by replays, which must have the goals in force
+    return with_shown_side(replace(_with_goals_before(problem), read_early=not told))
+
+
+def read_before_goal(problem: DrivenProblem) -> bool:
+    """Whether what is judged answers to the goal of the row before, by nominal replays with either.
+
+    Their difference is what a goal's age of one row changes, so its share in the column is that age in rows. Gains,
+    damping, the part of an integral, and what is inside or outside of a torque may be wrong beside it.
+    """
+    good = problem.judged & problem.on & np.isfinite(problem.measured[:, 0])
+    if not problem.first or good.sum() < LEAST_READ or not _shows(problem):
+        return False
+    now = problem.simulate([{}])[0, good, 0]
+    change = _with_goals_before(problem).simulate([{}])[0, good, 0] - now
+    if np.ptp(change) == 0.0:
+        return False
+    motion = problem.link[good]
+    free = [now, change, motion, np.sign(motion[:, 1])]
+    if any(model.chain.find("position_pi") is not None for model in problem.models):
+        free.append(now - problem.simulate([{"position_pi.integral": 0.0}])[0, good, 0])
+    unit = np.repeat(np.arange(len(problem.units)), np.diff(problem.starts))[good]
+    table = _about_means(np.column_stack([problem.measured[good, 0], *free]), unit)
+    numbers, spread = numbers_and_spread(table[:, 1:], table[:, 0], problem.block[good])
+    scale = abs(float(numbers[0]))
+    if scale <= SURE * spread[0]:
+        return False
+    rows = float(numbers[1] / numbers[0])
+    return abs(rows - 1.0) + SURE * float(spread[1]) / scale < HALF_A_ROW
+
+
+def _about_means(table: Array, unit: np.ndarray) -> Array:
+    """Columns (n, k) less their means in each unit (n,): every piece of a log may have offsets of its own."""
+    rows = np.maximum(np.bincount(unit), 1)
+    means = np.stack([np.bincount(unit, column) / rows for column in table.T], axis=1)
+    return table - means[unit]
+
+
+def _shows(problem: DrivenProblem) -> bool:
+    """Whether a moment makes a goal one row older, in every unit."""
+    return all(
+        a_moment_tells(problem.time[a:b], problem.models[unit.run].value("delay.seconds"))
+        for unit, a, b in zip(problem.units, problem.starts, problem.starts[1:], strict=False)
+    )
+
+
+def _with_goals_before(problem: DrivenProblem) -> DrivenProblem:
+    """The problem whose columns are read a moment before the goals of their rows act."""
+    late = [
+        model.with_values({"delay.seconds": model.value("delay.seconds") + DRIVE_LOOP_PERIOD})
+        for model in problem.models
+    ]
+    return replace(problem, models=tuple(late))

@@ -3,6 +3,9 @@
 The same laws and the same sliding and sticking as in :mod:`.simulator`. A motor behind a spring, compliance or play
 moves on its own against the measured link; one that is rigid with the link moves as the link does, and shows what it
 asks of its drive and gives to its load.
+
+Nothing of a given motion pulls a wrong integral of a position controller back. So it is read from the column that is
+judged, in the rows that are replayed but not judged: its mean error there, in each variant of the model.
 """
 
 from __future__ import annotations
@@ -24,9 +27,7 @@ from ...actuators.law import (
 from ...actuators.layout import P_LATENCY, P_STATE_SIZE, S_CURRENT, S_DUTY, S_LIMIT, S_TIME, S_VOLTAGE
 from ...actuators.stages.friction import REST_SPEED
 from ..load.terms import E_SIZE
-from .compiled import compiled, pointer
-from .constants import K
-from .integral import teach
+from .constants import K, compiled, pointer
 from .simulator import DIVERGED, coupling_torque, drive, host_reading_smooth, joint_state, next_change, slide
 
 CHANNELS = ("position", "torque", "duty", "current")
@@ -79,6 +80,16 @@ def replay_driven(p, k, time, goal, on, temperature, link, told, q0, w0, step, o
     )  # fmt: skip
     # the memory behind the pointers must live until here
     return acting[0] + advancing[0] + s[0] + x[0] + nothing[0]
+
+
+@compiled(forceinline=True)
+def teach(k, s, missing):
+    """Add to the integral of a controller what makes up for so much duty that its replay lacks."""
+    m = int(k[K.integral])
+    s[m] += missing
+    if k[K.sampled] > 0.0:  # what it holds of its latest sample, see the law of the controller
+        s[m + 2] += missing
+        s[m + 4] += missing
 
 
 @compiled(forceinline=True)

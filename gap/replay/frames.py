@@ -20,8 +20,7 @@ from ..load.tree import Motion
 from ..log.types import MeasuredRun
 from .driven_simulator import law_along
 from .joint_model import JointModel
-from .tree import MARGIN, axis_of, motion_of
-from .unlogged import torques_of
+from .tree import MARGIN, axis_of, motion_of, torques_of
 
 SAMPLES = 300  # of all runs together, at which torques are compared
 FINE = 3000  # the same where zeros are sought between the points of the grid

@@ -39,8 +39,7 @@ from ..load.terms import (
     T_SIZE,
     T_SPIN,
 )
-from .compiled import compiled, pointer
-from .constants import K
+from .constants import K, compiled, pointer
 
 DIVERGED = 1e3  # in each channel from where a replay has left all bounds
 ELASTIC_STEP = 1e-3  # [s] largest step with a spring between motor and link, whose frequency bounds it

@@ -38,10 +38,9 @@ from ..load.resting import REVERSAL_SPEED
 from ..log.parts import FIT_A, FIT_B, TEST, Unit
 from ..log.torque_side import Reason, TorqueSide, said_side, side_by_load
 from ..log.types import Array, LogError, MeasuredRun
-from .axis import Axis
 from .comparison import Comparison, Groups, robust_loss
 from .driven_simulator import law_along
-from .joint_model import JointModel
+from .joint_model import Axis, JointModel
 from .parameters import Target, absolute, address
 from .problem import FAR, Problem
 

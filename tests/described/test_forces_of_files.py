@@ -20,9 +20,9 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.reader import read_measured
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.replay.engine import replay_whole, whole
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.tree import joint_of_tree, owned, terms_of
-from sealegs.gap.replay.whole import replay_whole, whole
 from sealegs.hw.virtual.machine import Machine
 
 from testbed.logs import hidden_arm

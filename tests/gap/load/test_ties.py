@@ -13,8 +13,7 @@ from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.ties import moved_by
 from sealegs.gap.load.tree import Motion, block_along, carries, terms_along
 from sealegs.gap.log.types import MeasuredRun
-from sealegs.gap.replay.tree import not_free
-from sealegs.gap.replay.unlogged import torques_of
+from sealegs.gap.replay.tree import not_free, torques_of
 from sealegs.gap.robot.directions import payload
 
 MASSES, LENGTHS, RATIO = (0.3, 0.2), (0.12, 0.15), -0.8  # of the two fingers [kg, m], and of the ways they go

@@ -16,7 +16,7 @@ from sealegs.gap.load.tree import Motion, terms_along
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.output.robot_extension import of_robot
 from sealegs.gap.output.robot_mjcf import write_robot
-from sealegs.gap.replay.whole import replay_whole, whole, why_not_whole
+from sealegs.gap.replay.engine import replay_whole, whole, why_not_whole
 
 from testbed.bench import NOISE_FLOOR
 from tests.logged_robots import JOINTS, block_of, free_replay, nominal_error, robot, two_link_run

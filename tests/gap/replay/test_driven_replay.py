@@ -12,11 +12,10 @@ from sealegs.gap.causes.visible import limits, shown
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun, MeasuredSet
-from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.constants import K
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
 from sealegs.gap.replay.driven_simulator import replay_driven
-from sealegs.gap.replay.joint_model import IMMOVABLE, JointModel
+from sealegs.gap.replay.joint_model import IMMOVABLE, Axis, JointModel
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
 from testbed import hidden_hopper

@@ -12,8 +12,7 @@ from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.replay.axis import Axis
-from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.joint_model import Axis, JointModel
 
 MASS, VISCOUS, COULOMB, BIAS = 40.0, 90.0, 12.0, 1.5  # [kg], [N.s/m], [N], [N]
 LEAN = 20.0  # [N.s/m]

@@ -15,9 +15,8 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.replay.driven import DrivenProblem, driven_problem
+from sealegs.gap.replay.driven import DrivenProblem, driven_problem, read_before_goal
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.reading import read_before_goal
 
 PERIOD = 0.005
 VOLTS, RESISTANCE, CONSTANT = 12.0, 2.4, 1.4

@@ -16,9 +16,8 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.replay.driven import DrivenProblem, driven_problem
+from sealegs.gap.replay.driven import DrivenProblem, as_read, driven_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.replay.reading import as_read
 
 PERIOD = 0.005
 IDEAL = [

@@ -13,9 +13,8 @@ from sealegs.gap.load.terms import T_COLUMNS, T_OWN, T_SIZE
 from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
-from sealegs.gap.replay.axis import Axis
 from sealegs.gap.replay.free import FreeProblem, free_problem
-from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.joint_model import Axis, JointModel
 from sealegs.gap.replay.parameters import address, factor
 from sealegs.gap.robot.problem import RobotModel, RobotProblem
 from sealegs.gap.search.sketch import sketch

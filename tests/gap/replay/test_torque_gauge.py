@@ -15,8 +15,7 @@ from sealegs.gap.load.tree import own_lever, tip_behind, tip_mass
 from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.measure.unseen import refitted_numbers
 from sealegs.gap.output.mjcf import _actuator
-from sealegs.gap.replay.axis import Axis
-from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.joint_model import Axis, JointModel
 from sealegs.gap.replay.parameters import TIGHT, Parameter
 from sealegs.gap.search.torque_gauge import is_torque, room
 
