@@ -100,7 +100,10 @@ def _on_legs(robot: RobotFile) -> tuple[RobotFile, str]:
     if not model.root or model.floor or any(joint.body == model.root for joint in model.joints.values()):
         return robot, ""
     free = replace(robot, base="free")
-    body = _Body(free)
+    try:
+        body = _Body(free)
+    except ValueError:  # MuJoCo lets no base move that has no mass
+        return robot, ""
     if len(body.legs) < 2:
         return robot, ""
     where = f"{model.path.name}: {_counted(len(body.legs))} legs"
@@ -131,11 +134,9 @@ class _Body:
     """A robot with a free base, compiled without actuators."""
 
     def __init__(self, robot: RobotFile) -> None:
-        self._robot = robot
         self._model = model = bare_model(robot)
         self._data = mujoco.MjData(model)
         self._root = model.body(robot.model.root).id
-        self._base = int(model.jnt_qposadr[model.body_jntadr[self._root]])
         self._items = {item.joint: item for item in robot.joints if len(item.terms) == 1}
         self._home = np.array(model.qpos0)
         for name, item in self._items.items():

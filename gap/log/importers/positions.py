@@ -157,7 +157,8 @@ def _open(one: Position, far: float) -> Line:
 
 def _counted(column: str, one: Position) -> Line:
     """Steps of an encoder: those of a servo, or of a turn that is the next power of two."""
-    turn = TURN if one.high < 4200 else 2 ** math.ceil(math.log2(max(one.high - min(one.low, 0.0), 2.0)))
+    counts = max(one.high - min(one.low, 0.0), 2.0)
+    turn = TURN if one.high < 4200 or not counts < MOST_COUNTS else 2 ** math.ceil(math.log2(counts))
     middle = turn // 2 if one.low >= 0 else 0
     text = f"({column} - {middle})*2*pi/{turn}" if middle else f"{column}*2*pi/{turn}"
     ask = f"how many counts are a turn, and which one is 0 rad? {turn} and {middle} are a guess"

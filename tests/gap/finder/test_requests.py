@@ -119,7 +119,7 @@ def test_what_joints_do_not_share_after_all_is_told(
     sought = SimpleNamespace(search=search, problem=problem, rows={}, widespread=lambda: widespread)
     measured = SimpleNamespace(values={}, causes=[SimpleNamespace(confidence=confidence)])
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
-    monkeypatch.setattr(shared, "search_shared", lambda *given: sought)
+    monkeypatch.setattr(shared, "search_shared", lambda *given, **named: sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
     (elbow,) = with_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], Request(), raising(KeyError("none")))
     (note,) = [finding.sentence for finding in elbow.findings if finding.code == "robot.not_shared"]

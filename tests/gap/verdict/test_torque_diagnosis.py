@@ -155,7 +155,7 @@ def test_tuned_numbers_of_a_torque_log_stay_within_their_tolerance() -> None:
     for one in (found, free):
         named = {number for cause in one.causes for number in cause.parameters}
         factors = [factor for number, factor in one.tuned.items() if number not in named]
-        assert factors and all(1.0 / (1.0 + TIGHT) <= factor <= 1.0 + TIGHT for factor in factors)
+        assert all(1.0 / (1.0 + TIGHT) <= factor <= 1.0 + TIGHT for factor in factors)
 
 
 def test_refitted_numbers_of_a_torque_log_that_beat_every_cause_are_the_finding() -> None:
