@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from sealegs.gap.measure.named import NamedCause
     from sealegs.gap.search.result import Search
     from sealegs.gap.verdict.verdict import JointDiagnosis
 
@@ -177,6 +178,17 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
 
 Limits = Mapping[str, Sequence[float | None]]
 """By cause between which values it would not show, and the nominal one; None for an end that there is not."""
+
+
+def row_of(cause: NamedCause) -> dict[str, Any]:
+    """A named cause as benches keep it."""
+    return {
+        "name": cause.name,
+        "confidence": cause.confidence,
+        "share": cause.share,
+        "rivals": list(cause.rivals),
+        "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
+    }
 
 
 def limits_of(found: JointDiagnosis) -> Limits:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from sealegs.gap.finder.diagnosis import diagnose
 
-from benchmarks.hidden import revision
+from benchmarks.hidden import revision, row_of
 from testbed.arm import ARMS, record_arm
 from testbed.arm_effects import EFFECTS, STRANGERS
 from testbed.logs import hidden_arm
@@ -80,16 +80,7 @@ def run(case: Case, causes: Sequence[str] | None = None, **recording: Any) -> di
             joint.joint: {
                 "verdict": joint.verdict,
                 "gap": {name: error.rmse for name, error in joint.gap.items()},
-                "causes": [
-                    {
-                        "name": cause.name,
-                        "confidence": cause.confidence,
-                        "share": cause.share,
-                        "rivals": list(cause.rivals),
-                        "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
-                    }
-                    for cause in joint.causes
-                ],
+                "causes": [row_of(cause) for cause in joint.causes],
             }
             for joint in found
         },

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden import RESULTS, SURE, revision
+from benchmarks.hidden import RESULTS, SURE, revision, row_of
 from testbed.everyday import Drawn, drawn
 from testbed.everyday.machines import BENCH
 from testbed.everyday.recorded import effect_of_each
@@ -73,16 +73,7 @@ def run(number: int, seed: int) -> dict[str, Any]:
                 "shared": one.shared_share,
                 "tuned": one.tuned_share,
                 "unexplained": one.unexplained,
-                "causes": [
-                    {
-                        "name": cause.name,
-                        "confidence": cause.confidence,
-                        "share": cause.share,
-                        "rivals": list(cause.rivals),
-                        "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
-                    }
-                    for cause in one.causes
-                ],
+                "causes": [row_of(cause) for cause in one.causes],
                 "open": [[cause.name, cause.standing] for cause in one.open_causes],
             }
             for one in found

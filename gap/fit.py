@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..common.errors import SealegsError, nearest
 from .causes import Cause, JointModel, Parameter, factor
 from .log.arrays import InMemory
-from .replay.problem import Problem
+from .replay.comparison import rms
 
 Bounds = tuple[float, float] | None
 FACTOR = 5.0
@@ -129,8 +127,9 @@ def fit(
         value, low, high = (p.physical(x, nominal) for x in (found.values[p.path], *ends[p.path]))
         unit = nominal.unit(p.number) if p.factor else p.unit
         values[path] = FittedValue(value, low, high, unit, nominal.value(p.number), p.path in found.at_bound)
-    (column, unit), before = problem.signal, problem.simulate([{}])[0]
-    return Fitted(name, values, f"{name}.{column}", unit, _rms(problem, before), _rms(problem, found.simulated))
+    column, unit = problem.signal
+    before, after = (rms(problem.position_error(row)) for row in (problem.simulate([{}])[0], found.simulated))
+    return Fitted(name, values, f"{name}.{column}", unit, before, after)
 
 
 def _parameter(
@@ -155,9 +154,3 @@ def _parameter(
     if not tried:
         raise SealegsError(f"parameters: the model has no '{path}', which would say how large it may be; give bounds.")
     return tried[0]
-
-
-def _rms(problem: Problem, simulated: np.ndarray) -> float:
-    """Root of the mean squared error of the signal, where it is judged."""
-    k = problem.channels.index(problem.signal[0])
-    return float(np.sqrt(np.mean((problem.measured - simulated)[problem.judged, k] ** 2)))

@@ -66,7 +66,7 @@ SOFT_DAMPING = 0.02  # [N.m.s/rad] of the spring in place of teeth
 
 
 @numba.njit(cache=True)
-def _cross(a, b, out):
+def cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
@@ -84,9 +84,9 @@ def torques_of(links, turns, w, a, gravity, out):
     for i in range(n):
         p = links.place[i]
         # acceleration of the joint in the frame before
-        _cross(alpha[i], p, t1)
-        _cross(omega[i], p, t2)
-        _cross(omega[i], t2, t3)
+        cross(alpha[i], p, t1)
+        cross(omega[i], p, t2)
+        cross(omega[i], t2, t3)
         for c in range(3):
             t1[c] += acc[i, c] + t3[c]
         for r in range(3):
@@ -102,9 +102,9 @@ def torques_of(links, turns, w, a, gravity, out):
         alpha[i + 1, 2] += a[i]
         omega[i + 1, 2] += w[i]
         centre = links.centre[i]
-        _cross(alpha[i + 1], centre, t1)
-        _cross(omega[i + 1], centre, t2)
-        _cross(omega[i + 1], t2, t3)
+        cross(alpha[i + 1], centre, t1)
+        cross(omega[i + 1], centre, t2)
+        cross(omega[i + 1], t2, t3)
         for c in range(3):
             force[i, c] = links.mass[i] * (acc[i + 1, c] + t1[c] + t3[c])
         for r in range(3):
@@ -113,8 +113,8 @@ def torques_of(links, turns, w, a, gravity, out):
             for c in range(3):
                 t1[r] += links.inertia[i, r, c] * omega[i + 1, c]
                 t2[r] += links.inertia[i, r, c] * alpha[i + 1, c]
-        _cross(omega[i + 1], t1, t3)
-        _cross(centre, force[i], t1)
+        cross(omega[i + 1], t1, t3)
+        cross(centre, force[i], t1)
         for c in range(3):
             moment[i, c] = t2[c] + t3[c] + t1[c]
     for i in range(n - 1, -1, -1):
@@ -127,7 +127,7 @@ def torques_of(links, turns, w, a, gravity, out):
             for c in range(3):
                 t1[r] += turns[i, r, c] * force[i, c]
                 t2[r] += turns[i, r, c] * moment[i, c]
-        _cross(links.place[i], t1, t3)
+        cross(links.place[i], t1, t3)
         for c in range(3):
             force[i - 1, c] += t1[c]
             moment[i - 1, c] += t2[c] + t3[c]
@@ -172,7 +172,7 @@ def push_of(links, turns, w, out):
     speed = np.zeros(3)
     for i in range(n):
         at[:] = end - places[i]
-        _cross(axes[i], at, levers[i])
+        cross(axes[i], at, levers[i])
         speed += levers[i] * w[i]
     force = 0.0
     if end[2] < links.table:

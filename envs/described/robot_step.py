@@ -222,7 +222,7 @@ class _System:
                 break
             most = max(open_to.values())
             for name in [name for name, share in open_to.items() if share >= ALIKE * most]:
-                chains[name] = _weaker(chains[name], WEAKER)
+                chains[name] = scaled(chains[name], WEAKER)
         return tuple(_with(joint, chains[joint.name], step, integrator) for joint in joints), cause
 
 
@@ -230,11 +230,12 @@ def weak(joint: FileJoint, share: float, step: float, integrator: str) -> FileJo
     """A joint with an assumed servo of a share of its stiffness, and the root of it of its damping."""
     if joint.least is None:
         return joint
-    return _with(joint, _weaker(joint.chain, share), step, integrator)
+    return _with(joint, scaled(joint.chain, share), step, integrator)
 
 
-def _weaker(chain: Chain, share: float) -> Chain:
-    for key, factor in (("stiffness", share), ("damping", share**0.5)):
+def scaled(chain: Chain, times: float) -> Chain:
+    """An ideal servo of so many times the stiffness, and the root of that of its damping; below 1, a weaker one."""
+    for key, factor in (("stiffness", times), ("damping", times**0.5)):
         chain = chain.with_value(f"ideal.{key}", float(f"{factor * chain.value(f'ideal.{key}'):.4g}"))
     return chain
 

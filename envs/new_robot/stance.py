@@ -21,7 +21,7 @@ from ..described.as_robot import as_robot, bare_model
 from ..described.robot_assembly import WARNING
 from ..described.robot_described import FileJoint, RobotFile
 from ..described.robot_entries import FloorEntry
-from ..described.robot_step import said_again, settled
+from ..described.robot_step import said_again, scaled, settled
 from ..engine.batch import BatchEngine
 
 LEG = re.compile(r"leg|foot|feet|toe|ankle|thigh|femur|knee|shank|calf|shin|tibia|coxa|haa|hfe|kfe", re.IGNORECASE)
@@ -263,6 +263,9 @@ class _Body:
         drawn = [np.clip(home + half * random.uniform(-1.0, 1.0, len(home)), low, high) for _ in range(64)]
         tall = EXTENDED * max(self._height(places, angles) for angles in (home, *drawn))
 
+        self._pose(places, home)
+        level = {leg.foot[0]: self._data.xmat[leg.foot[0]].reshape(3, 3)[2].copy() for leg in self.legs}
+
         def residual(angles: np.ndarray) -> np.ndarray:
             self._pose(places, angles)
             soles = np.array([self._sole(leg) for leg in self.legs])
@@ -270,7 +273,7 @@ class _Body:
             centre = self._data.subtree_com[self._root]
             hips = np.array([self._data.xanchor[self._model.joint(leg.joints[0]).id] for leg in self.legs])
             tilts = [
-                self._data.xmat[leg.foot[0]].reshape(3, 3)[:2] @ self._level[leg.foot[0]] / TILT
+                self._data.xmat[leg.foot[0]].reshape(3, 3)[:2] @ level[leg.foot[0]] / TILT
                 for leg in self.legs
                 if len(leg.joints) >= ANKLED
             ]
@@ -283,8 +286,6 @@ class _Body:
                 *tilts,
             ])  # fmt: skip
 
-        self._pose(places, home)
-        self._level = {leg.foot[0]: self._data.xmat[leg.foot[0]].reshape(3, 3)[2].copy() for leg in self.legs}
         inside = 1e-3 * (high - low)
         starts = [home, 0.5 * (low + high), *drawn][:STARTS]
         fits = [
@@ -318,11 +319,9 @@ class _Body:
             item.name: float(forces[int(model.jnt_dofadr[model.joint(name).id])] / item.terms[0][1])
             for name, item in self._items.items()
         }
-        weight, over = (
-            share * len(self.legs),
-            float(data.subtree_com[self._root][2] - data.xpos[self._root][2]) + height,
-        )
-        return Stance(found, height, torques, weight * over if len(self.legs) == 2 else 0.0, self._overlap())
+        over = height + float(data.subtree_com[self._root][2] - data.xpos[self._root][2])  # the ground
+        upright = share * len(self.legs) * over if len(self.legs) == 2 else 0.0
+        return Stance(found, height, torques, upright, self._overlap())
 
     def _overlap(self) -> tuple[tuple[str, str], ...]:
         """Bodies whose shapes lie within each other as the robot stands."""
@@ -382,12 +381,9 @@ def _strong(item: FileJoint, stiffness: float) -> FileJoint:
     needed, stiffness = float(f"{stiffness:.4g}"), item.chain.value("ideal.stiffness")
     if needed <= stiffness:
         return item
-    chain = item.chain
-    for key, factor in (("stiffness", needed / stiffness), ("damping", (needed / stiffness) ** 0.5)):
-        chain = chain.with_value(f"ideal.{key}", float(f"{factor * chain.value(f'ideal.{key}'):.4g}"))
     kept = [note for note in item.notes if not note.startswith("an ideal servo of ")]
     note = f"an ideal servo of {needed:g} N.m/rad drives it (assumed, from the weight that it holds)"
-    return replace(item, chain=chain, least=needed, notes=(*kept, note))
+    return replace(item, chain=scaled(item.chain, needed / stiffness), least=needed, notes=(*kept, note))
 
 
 def _stands(robot: RobotFile) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..load.terms import E_BIAS, E_COUPLING, E_INERTIA, T_OWN
 from ..log.parts import FIT_A, FIT_B
+from ..replay.comparison import rms
 from ..replay.parameters import Parameter
 from ..replay.problem import OF_A_ROBOT, JointProblem
 from ..search.correlated import reading_error, shared
@@ -50,7 +51,7 @@ def adrift(problem: JointProblem, values: Mapping[str, float], seed: int) -> Adr
         terms[:, [BIAS, COUPLING]] += OF_A_ROBOT * terms[:, [COUPLING]]
         moved = dataclasses.replace(begun, terms=terms).simulate([values])[0]
         neighbours = (moved - simulated)[begun.judged, 0]
-    return Adrift(max(level, 0.0), begun.noise * _rms(error[np.isfinite(error)]), _rms(neighbours))
+    return Adrift(max(level, 0.0), begun.noise * rms(error[np.isfinite(error)]), rms(neighbours))
 
 
 def left_by(
@@ -90,7 +91,7 @@ def begun_fit(problem: JointProblem, parameters: Sequence[Parameter], found: Fit
     better, last = found, np.inf
     for _ in range(MAX_START_TURNS):
         begun = with_starts(problem, better.values)
-        left = _rms(begun.position_error(begun.simulate([better.values])[0]))
+        left = rms(begun.position_error(begun.simulate([better.values])[0]))
         if left > MIN_TURN_GAIN * last:
             break
         better, last = fit(begun.part(FIT_A, FIT_B), parameters, better.values, evaluations), left
@@ -130,7 +131,3 @@ def with_starts(problem: JointProblem, values: Mapping[str, float]) -> JointProb
             for k in np.flatnonzero(better < cost):
                 moved[k], here[rows[k]], cost[k] = trial[k], there[rows[k]], better[k]
     return dataclasses.replace(problem, states=problem.states + spread * moved)
-
-
-def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(error**2)))

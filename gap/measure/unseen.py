@@ -18,6 +18,7 @@ import numpy as np
 from ..checks.bootstrap import block_weights
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B, TEST
+from ..replay.comparison import rms
 from ..replay.parameters import Parameter, about
 from ..replay.problem import Nominal, Problem
 from ..search.delays import with_centred_times
@@ -211,11 +212,11 @@ def handed_over(
         noise: floor of the errors: causes that reach it are not outdone by numbers.
         of_robot: whether it is a joint of a robot, where neither is a model without causes that reaches it.
     """
-    rms = {name: _rms(error) for name, error in errors.items()}
+    size = {name: rms(error) for name, error in errors.items()}
     model, why = "extended", ""
     others = ("nominal",) if loose else ("nominal", "tuned")
     if named and not all(lowers(errors["extended"], errors[other]) for other in others):
-        model, why = "tuned", f"on unseen data the error {_rise(rms, unit)}"
+        model, why = "tuned", f"on unseen data the error {_rise(size, unit)}"
     if (why or not named) and not lowers(errors["tuned"], errors["nominal"]):
         model = "nominal"
     if clearly_lowers(errors["refitted"], errors[model], seed, draws):
@@ -223,15 +224,11 @@ def handed_over(
             name: errors[name] if crossed is None else np.concatenate([errors[name], crossed(name)])
             for name in ("refitted", model)
         }
-        at_noise = _rms(unseen[model]) <= THRESHOLDS.at_noise * noise and (of_robot or (named and not why))
+        at_noise = rms(unseen[model]) <= THRESHOLDS.at_noise * noise and (of_robot or (named and not why))
         if not at_noise and clearly_lowers(unseen["refitted"], unseen[model], seed, draws):
-            beaten = f"{told_in(unit)[0] * _rms(unseen['refitted']):.3g} against {fine(_rms(unseen[model]), unit)}"
+            beaten = f"{told_in(unit)[0] * rms(unseen['refitted']):.3g} against {fine(rms(unseen[model]), unit)}"
             model, why = "refitted", why or f"refitted numbers do better: {beaten}"
     return Handed(model, why if named else "")
-
-
-def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def crossed_errors(problem: Problem, values: Sequence[Mapping[str, float]]) -> np.ndarray:
@@ -262,13 +259,13 @@ def clearly_lowers(error: np.ndarray, other: np.ndarray, seed: int, draws: int) 
     return bool((drawn[:, 0] < drawn[:, 1]).mean() > THRESHOLDS.certainly)
 
 
-def _rise(rms: Mapping[str, float], unit: str) -> str:
+def _rise(errors: Mapping[str, float], unit: str) -> str:
     """``rises from 35.2 to 41.5 mrad``: against the nominal model, else against its tuned numbers."""
-    after = rms["extended"]
-    other = "nominal" if after >= rms["nominal"] else "tuned"
+    after = errors["extended"]
+    other = "nominal" if after >= errors["nominal"] else "tuned"
     than = "" if other == "nominal" else " of the tuned numbers alone"
     factor, words = told_in(unit)
-    first, last = (f"{factor * size:.3g}" for size in (rms[other], after))
+    first, last = (f"{factor * size:.3g}" for size in (errors[other], after))
     if first == last:
         return f"stays at {first} {words}{than}"
     return f"rises from {first}{than} to {last} {words}"

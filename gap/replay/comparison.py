@@ -14,6 +14,11 @@ import numpy as np
 ROBUST = 6.0  # noise floors
 
 
+def rms(error: np.ndarray) -> float:
+    """Root of the mean square of an error (n,)."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
 def robust_loss(error: np.ndarray) -> np.ndarray:
     """Loss of each error, which is in noise floors: nearly its square up to :data:`ROBUST`."""
     return 2.0 * ROBUST**2 * (np.sqrt(1.0 + (error / ROBUST) ** 2) - 1.0)

@@ -93,7 +93,8 @@ def _needed(
     values = middle(*found.fits)
     numbers = list(found.tuned)
     free = [p for p in numbers if p.number in tight and p != tight[p.number]]
-    inside = {p.number for p in free if about(values.get(p.path, 1.0), *_ends(tight[p.number]))}
+    bounds = {number: (p.low, p.high) for number, p in tight.items()}
+    inside = {p.number for p in free if about(values.get(p.path, 1.0), *bounds[p.number])}
     if inside:
         numbers = [tight[p.number] if p.number in inside else p for p in numbers]
         final = searcher.judged(searcher.fit_both(merge(numbers, *variants), values))
@@ -120,10 +121,6 @@ def _beside_others(
     without = searcher.judged(searcher.fit_both(merge(trial, *variants), middle(*final.fits)))
     sure = _better(searcher, final, without) if _clearly(searcher, final, without) else 0.0
     return replace(one, sure=min(one.sure, sure) if sure > searcher.settings.least_certainty else 0.0)
-
-
-def _ends(parameter: Parameter) -> tuple[float, float]:
-    return parameter.low, parameter.high
 
 
 def _clearly(searcher: Searcher, one: Judged, other: Judged) -> bool:
@@ -153,12 +150,11 @@ def _as_told(searcher: Searcher, model: Judged, *causes: Cause) -> Judged:
     for one in model.fits:
         values = {}
         for path, value in one.values.items():
-            (number,) = absolute({path: value}, searcher.nominal)
+            ((number, size),) = absolute({path: value}, searcher.nominal).items()
             if (told := own.get(number)) is None:
                 values[path] = value
             else:
-                value = absolute({path: value}, searcher.nominal)[number]
-                values[told.path] = value / searcher.nominal.value(number) if told.factor else value
+                values[told.path] = size / searcher.nominal.value(number) if told.factor else size
         fits.append(replace(one, values=values))
     return replace(model, fits=(fits[0], fits[1]))
 

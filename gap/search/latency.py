@@ -15,7 +15,7 @@ from ..causes.cause import Cause
 from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
 from ..replay.problem import periods_of
-from .look import Look, in_place_of, losses
+from .look import Look, in_place_of
 
 DELAY, NUMBER = "drive.delay", "delay.seconds"
 RIVAL = "drive.goal_filter"
@@ -127,9 +127,10 @@ def _win_rate(looks: Mapping[str, Look], causes: Mapping[str, Sequence[Cause]], 
     with_it, without, filtered = [], [], []
     for joint, seen in looks.items():
         rival = next((cause.variants[0] for cause in causes[joint] if cause.name == RIVAL), ())
-        with_it.append(losses(seen.problem, seen.found))
-        without.append(losses(seen.problem, in_place_of(seen, NUMBER, ())))
-        filtered.append(losses(seen.problem, in_place_of(seen, NUMBER, rival)) if rival else without[-1])
+        with_it.append(seen.problem.block_errors(seen.found.simulated))
+        without.append(seen.problem.block_errors(in_place_of(seen, NUMBER, ()).simulated))
+        late = seen.problem.block_errors(in_place_of(seen, NUMBER, rival).simulated) if rival else without[-1]
+        filtered.append(late)
     here, none, other = (np.concatenate(parts) for parts in (with_it, without, filtered))
     if not here.sum() < (1.0 - WORTH) * none.sum():
         return None

@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..causes.cause import Cause
 from ..log.parts import FIT_A, FIT_B
-from ..replay.comparison import robust_loss
+from ..replay.comparison import rms
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from .fit import Fit, fit, merge
@@ -73,10 +71,7 @@ class Look:
         if not rows:
             return {}
         back, here = self.problem.simulate(rows), self.problem.position_error(self.found.simulated)
-        moved = {
-            path: float(np.sqrt(np.mean((self.problem.position_error(row) - here) ** 2)))
-            for path, row in zip(told, back, strict=True)
-        }
+        moved = {path: rms(self.problem.position_error(row) - here) for path, row in zip(told, back, strict=True)}
         return dict(sorted(moved.items(), key=lambda item: -item[1]))
 
     def _may_be(self, parameter: Parameter, value: float) -> bool:
@@ -104,9 +99,8 @@ def look(problem: Problem, wide: Sequence[Parameter], causes: Sequence[Cause], s
     parameters = tuple(merge(wide, more))
     found = fit(part, parameters, None, ITERATIONS)
     bounds = intervals(part, parameters, found, draws=DRAWS)
-    before, after = (part.position_error(row) for row in (part.simulate([{}])[0], found.simulated))
-    errors = (float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2))))
-    return Look(part, parameters, found, bounds, owner, errors)
+    before, after = (rms(part.position_error(row)) for row in (part.simulate([{}])[0], found.simulated))
+    return Look(part, parameters, found, bounds, owner, (before, after))
 
 
 def in_place_of(seen: Look, number: str, other: Sequence[Parameter]) -> Fit:
@@ -120,9 +114,3 @@ def in_place_of(seen: Look, number: str, other: Sequence[Parameter]) -> Fit:
     kept = [p for p in seen.parameters if p.number != number]
     start = {path: value for path, value in seen.found.values.items() if any(p.path == path for p in kept)}
     return fit(seen.problem, merge(kept, other), start, ITERATIONS)
-
-
-def losses(problem: Problem, found: Fit) -> np.ndarray:
-    """Loss of a fit in each block (b,)."""
-    numbers, sizes = problem.blocks()
-    return np.bincount(numbers, robust_loss(problem.residual(found.simulated[None])[0]), len(sizes))

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import cast
 
-import numpy as np
-
+from ..replay.comparison import rms
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem, Problem
 from .fit import Fit, fit
@@ -35,14 +34,14 @@ def refit(
     """
     found = [fit_from_sketch(problem, wide, None, settings)]
     joint = problem.joint
-    if wide and joint is not None and _rms(problem, found[0].simulated) > LEFT * joint.noise:
+    if wide and joint is not None and rms(problem.position_error(found[0].simulated)) > LEFT * joint.noise:
         paths = {p.path for p in wide}
         known = [{path: x for path, x in start.items() if path in paths} for start in starts]
         tries = [_coarse(joint, wide, found[0], settings), *(start for start in known if start)]
         found += [fit(problem, wide, start, most_iterations(problem, settings)) for start in tries]
     nominal = problem.simulate([{}])[0]
-    worst = _rms(problem, nominal)
-    sound = [one for one in found if _rms(problem, one.simulated) <= worst]
+    worst = rms(problem.position_error(nominal))
+    sound = [one for one in found if rms(problem.position_error(one.simulated)) <= worst]
     if sound:
         return min(sound, key=lambda one: one.cost)
     believed = {p.path: min(max(p.neutral(problem.models[0]), p.low), p.high) for p in wide}
@@ -51,11 +50,7 @@ def refit(
 
 def _coarse(problem: JointProblem, wide: Sequence[Parameter], found: Fit, settings: SearchSettings) -> dict[str, float]:
     """Where a fit ends that takes all errors for small ones."""
-    times = max(_rms(problem, found.simulated) / problem.noise / CLOSE, 1.0)
+    times = max(rms(problem.position_error(found.simulated)) / problem.noise / CLOSE, 1.0)
     part = sketch(problem, settings.sketched) if is_long(problem, settings.sketched) else problem
     coarse = cast(JointProblem, replace(part, weight=part.weight / times))
     return fit(coarse, wide, None, settings.iterations).values
-
-
-def _rms(problem: Problem, simulated: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(problem.position_error(simulated) ** 2)))

@@ -71,7 +71,7 @@ def over_a_step(
         believed: where it changes nothing.
         unit: of the parameter [s]; of a factor what it is a factor of.
     """
-    below, above = STEP + CLOCK, STEP + CLOCK + (STEP if parameter.number == "delay.seconds" else 0.0)
+    below, above = STEP + CLOCK, STEP + CLOCK + (STEP if parameter.number == DELAY else 0.0)
     least, most = min(ends[0], value - below * period / unit), max(ends[1], value + above * period / unit)
     beside = BESIDE * (parameter.high - parameter.low)
     if least <= believed + beside < ends[0]:

@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
+from ..replay.comparison import rms
 from ..replay.constants import K
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
@@ -50,7 +51,7 @@ def in_windows(problem: Joint, tuned: Sequence[Parameter], settings: SearchSetti
 
 def _off(part: JointProblem, simulated: np.ndarray) -> float:
     """Error of a model (rms) in noise floors."""
-    return float(np.sqrt(np.mean(part.position_error(simulated) ** 2))) / part.noise
+    return rms(part.position_error(simulated)) / part.noise
 
 
 def window_starts(time: np.ndarray, window: float = WINDOW, shortest: float = SHORTEST) -> np.ndarray:

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from ..arm_physics import cross
+
 STEP = 1e-4  # [s]
 RECORD_EVERY = 10
 REFRESH = 5  # steps between two mass matrices
@@ -61,13 +63,6 @@ class Servos(NamedTuple):
 
 
 TRIP_TIME, TRIP_LEFT = 0.6, 0.4  # [s] above the threshold until the torque is cut, and what is left of it
-
-
-@numba.njit(cache=True)
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @numba.njit(cache=True)
@@ -132,7 +127,7 @@ def _mass_matrix(links, origin, axis, centre, spatial, out, lever, away, moment)
         for i in range(k + 1):
             for c in range(3):
                 away[c] = centre[k, c] - origin[i, c]
-            _cross(axis[i], away, lever[i])
+            cross(axis[i], away, lever[i])
         for i in range(k + 1):
             _turned(spatial[k], axis[i], moment)
             for j in range(i + 1):
@@ -154,31 +149,31 @@ def _bias(links, origin, axis, centre, spatial, w, out, v):
     for k in range(n):
         for i in range(3):
             a[i] = origin[k, i] - (origin[k - 1, i] if k > 0 else 0.0)
-        _cross(omega, a, b)
-        _cross(omega, b, c)
-        _cross(alpha, a, b)
+        cross(omega, a, b)
+        cross(omega, b, c)
+        cross(alpha, a, b)
         for i in range(3):
             acc[i] += b[i] + c[i]
             a[i] = axis[k, i] * w[k]
-        _cross(omega, a, b)
+        cross(omega, a, b)
         for i in range(3):
             alpha[i] += b[i]
             omega[i] += a[i]
             a[i] = centre[k, i] - origin[k, i]
-        _cross(omega, a, b)
-        _cross(omega, b, c)
-        _cross(alpha, a, b)
+        cross(omega, a, b)
+        cross(omega, b, c)
+        cross(alpha, a, b)
         for i in range(3):
             force[i] = links.mass[k] * (acc[i] + b[i] + c[i])
         _turned(spatial[k], omega, a)
-        _cross(omega, a, b)
+        cross(omega, a, b)
         _turned(spatial[k], alpha, moment)
         for i in range(3):
             moment[i] += b[i]
         for j in range(k + 1):
             for i in range(3):
                 a[i] = centre[k, i] - origin[j, i]
-            _cross(axis[j], a, b)
+            cross(axis[j], a, b)
             out[j] += _dot(b, force) + _dot(axis[j], moment)
 
 

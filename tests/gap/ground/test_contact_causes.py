@@ -69,11 +69,7 @@ def test_whatever_a_stance_shows_is_drawn_as_a_stance_and_written_as_the_whole_l
         sentence="",
         signal="base.z",
         unit="m",
-        gap={},
         causes=(slope,),
-        unexplained=0.0,
-        experiment=None,
-        findings=(),
         replay=Replay(problem, problem),
         simulated=simulated,
     )

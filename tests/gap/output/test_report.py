@@ -88,11 +88,7 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         sentence="The log cannot be used: time runs backwards.",
         signal="wrist.position",
         unit="rad",
-        gap={},
-        causes=(),
         unexplained=1.0,
-        experiment=None,
-        findings=(),
     )
     gap = {"nominal": 0.0007, "refitted": 0.0006, "extended": 0.0006, "noise_floor": 0.0006}
     quiet = JointDiagnosis.of(
@@ -102,7 +98,6 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         signal="pan.position",
         unit="rad",
         gap={name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()},
-        unexplained=0.0,
         reasons=(Reason("agrees", "It agrees."), Reason("limits", "A wall.")),
         limits=(DetectionLimit("drive.delay", "delay.seconds", "s", 0.0, -np.inf, 0.004),),
     )

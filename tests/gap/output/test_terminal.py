@@ -86,7 +86,6 @@ def test_without_a_cause_the_reasons_are_told() -> None:
         sentence="Nothing.",
         signal="servo.position",
         unit="rad",
-        unexplained=0.0,
         reasons=(Reason("agrees", "The noise is 0.62 mrad."),),
     )
     assert any("The noise is 0.62 mrad." in line for line in screen([bare], {}))
@@ -105,7 +104,6 @@ def test_what_a_log_would_not_show_is_told_by_family() -> None:
         sentence="Nothing to explain: fine.",
         signal="servo.position",
         unit="rad",
-        unexplained=0.0,
         reasons=(Reason("limits", "A wall."),),
         limits=limits,
     )

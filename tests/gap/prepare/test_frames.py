@@ -177,11 +177,6 @@ def test_a_saved_diagnosis_says_in_which_frames_its_values_are(tmp_path: Path) -
         sentence="Nothing to explain.",
         signal="elbow.position",
         unit="rad",
-        gap={},
-        causes=(),
-        unexplained=0.0,
-        experiment=None,
-        findings=(),
         frames=frames,
     )
     document = document_of([joint], "arm", ["run"])

@@ -63,11 +63,6 @@ def diagnosed(values: dict[str, float]) -> tuple[Extended, FreeProblem]:
         sentence="",
         signal="servo.position",
         unit="rad",
-        gap={},
-        causes=(),
-        unexplained=0.0,
-        experiment=None,
-        findings=(),
         values=values,
         replay=Replay(problem, problem),
     )
@@ -170,7 +165,6 @@ def test_numbers_of_a_refitted_model_are_marked_as_refitted() -> None:
         sentence="",
         signal="servo.position",
         unit="rad",
-        unexplained=0.0,
         values={"friction.coulomb*": 4.0},
         replay=Replay(problem, problem),
         search=NO_SEARCH,
@@ -188,11 +182,7 @@ def test_a_diagnosis_without_a_model_says_so_instead_of_standing_for_the_nominal
         sentence="",
         signal="servo.position",
         unit="rad",
-        gap={},
-        causes=(),
         unexplained=1.0,
-        experiment=None,
-        findings=(),
     )
     diagnosis = sealegs.Diagnosis("bench", ("run",), (refused,), MeasuredSet((measured(),), "bench"))
     with pytest.raises(SealegsError, match="the diagnosis of bench holds no extended model"):

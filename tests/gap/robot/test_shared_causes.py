@@ -53,11 +53,6 @@ def found_of_robot(number: str, value: float) -> JointDiagnosis:
         sentence="",
         signal="",
         unit="rad",
-        gap={},
-        causes=(),
-        unexplained=0.0,
-        experiment=None,
-        findings=(),
         values={number: value},
     )
 
