@@ -1,34 +1,97 @@
-"""What a paper prints beside ours, row by row, with a mark that says what each row is worth as evidence."""
+"""What a paper prints beside ours, row by row, with a mark that says what each row is worth as evidence.
+
+A mark is no opinion: :meth:`Paper.check` holds it against the paper's one list of chosen numbers.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
 from ..common.errors import SealegsError
+from ..envs.engine.numbers import Number
 
 Mark = Literal["fitted", "planted and recovered", "follows from the inputs", "predicted"]
 MARKS: Mapping[Mark, str] = {
-    "fitted": "an assumed number was chosen so that this comes out, or it rests on one that was",
+    "fitted": "a number was chosen so that this comes out",
     "planted and recovered": "the simulation was built with the printed number, and a procedure found it again",
     "follows from the inputs": "arithmetic on printed numbers: nothing could make it come out otherwise",
-    "predicted": "nothing was chosen to reach it; how far it hangs on what is assumed stands below",
+    "predicted": "nothing that it rests on was chosen to reach it; how far it hangs on what is assumed stands below",
 }
 """What a row is, and what that means."""
+
+LARGEST = 0.1
+"""Relative difference above which a row agrees only if it is fitted or says that its tolerance is assumed."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A number that the paper does not print.
+
+    Attributes:
+        value: with its unit.
+        why: how it was chosen.
+        reach: names of the rows that it was chosen to reach; none: it is only plausible.
+    """
+
+    value: str
+    why: str
+    reach: tuple[str, ...] = ()
+
+
+def choice_of(number: Number, reach: tuple[str, ...] = ()) -> Choice:
+    """An assumed number of a robot as a choice."""
+    why = number.source.removeprefix("assumed").removeprefix(":").strip()
+    return Choice(f"{number.value:g} {number.unit}".removesuffix(" -"), why or "plausible", reach)
+
+
+def assumed(numbers: Mapping[str, Number], **reach: tuple[str, ...]) -> dict[str, Choice]:
+    """All assumed numbers of a robot as choices, by their names; ``reach`` says what some were chosen for."""
+    found = {name: choice_of(number, reach.pop(name, ())) for name, number in numbers.items() if number.assumed}
+    if reach:
+        raise SealegsError(f"no assumed number is called {', '.join(reach)}.")
+    return found
+
+
+@dataclass(frozen=True)
+class NotBuilt:
+    """A statement of the paper that simulation could check, and that is no row.
+
+    Attributes:
+        where: section, table or figure.
+        statement: what the paper says.
+        why: it is not checked.
+    """
+
+    where: str
+    statement: str
+    why: str
 
 
 @dataclass(frozen=True)
 class Otherwise:
-    """What a row would be with another value of something assumed.
+    """What a row would be otherwise: with another value of something assumed, or in another model.
 
     Attributes:
-        change: which number, and its other value.
+        change: which number, and its other value; or which model.
         ours: the row's figure then.
+        holds: whether that agrees with the paper; None: as ``within`` says, or not judged.
     """
 
     change: str
     ours: float | str
+    holds: bool | None = None
+
+
+def half_digit(printed: float, digits: int) -> float:
+    """Half a unit of the last printed digit, relative to the number: what a printed number leaves open.
+
+    Args:
+        printed: the number.
+        digits: printed behind the point.
+    """
+    return 0.5 * 10.0**-digits / abs(printed)
 
 
 @dataclass(frozen=True)
@@ -46,6 +109,9 @@ class Row:
         agrees: whether both agree, where ``within`` does not decide it; None: not judged.
         sensitivity: the figure with other assumptions.
         note: what the reader has to know about the row.
+        judged: where the tolerance or the limit comes from: the paper's digits, its scatter, or ``assumed``.
+        rests: names of the chosen numbers that it rests on; None: not said.
+        rival: the figure in another model, which the paper's would show to be wrong.
     """
 
     name: str
@@ -58,6 +124,9 @@ class Row:
     agrees: bool | None = None
     sensitivity: tuple[Otherwise, ...] = ()
     note: str = ""
+    judged: str = ""
+    rests: tuple[str, ...] | None = None
+    rival: Otherwise | None = None
 
     def __post_init__(self) -> None:
         if self.mark not in get_args(Mark):
@@ -66,16 +135,29 @@ class Row:
     @property
     def off(self) -> float | None:
         """Relative difference of both numbers; None where one is a text or nothing was printed to divide by."""
-        if isinstance(self.printed, str) or isinstance(self.ours, str) or self.printed == 0.0:
+        return self._off(self.ours)
+
+    def _off(self, ours: float | str) -> float | None:
+        if isinstance(self.printed, str) or isinstance(ours, str) or self.printed == 0.0:
             return None
-        return float(self.ours) / float(self.printed) - 1.0
+        return float(ours) / float(self.printed) - 1.0
 
     @property
     def holds(self) -> bool | None:
         """Whether both agree; None where that is not judged."""
-        if self.within is not None and (off := self.off) is not None:
+        return self._holds(self.ours, self.agrees)
+
+    def _holds(self, ours: float | str, agrees: bool | None) -> bool | None:
+        if self.within is not None and (off := self._off(ours)) is not None:
             return bool(abs(off) <= self.within)
-        return None if self.agrees is None else bool(self.agrees)
+        return None if agrees is None else bool(agrees)
+
+    @property
+    def decides(self) -> bool:
+        """Whether the row is a prediction that agrees with the paper, and would not in the other model."""
+        if self.rival is None or self.mark != "predicted" or not self.holds:
+            return False
+        return self._holds(self.rival.ours, self.rival.holds) is False
 
     def document(self) -> dict[str, Any]:
         """The row as JSON has it."""
@@ -87,10 +169,98 @@ class Row:
             "unit": self.unit,
             "off": self.off,
             "mark": self.mark,
+            "within": self.within,
+            "judged": self.judged,
             "holds": self.holds,
+            "rests": None if self.rests is None else list(self.rests),
             "sensitivity": {item.change: item.ours for item in self.sensitivity},
+            "rival": None if self.rival is None else {self.rival.change: self.rival.ours},
+            "decides": self.decides,
             "note": self.note,
         }
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A paper with all that was chosen to repeat it, and what was not repeated.
+
+    Attributes:
+        name: as headings have it, such as ``paper 002``.
+        choices: the one list of chosen numbers, by name.
+        not_built: statements that are no row.
+    """
+
+    name: str
+    choices: Mapping[str, Choice]
+    not_built: tuple[NotBuilt, ...]
+
+    def check(self, rows: Sequence[Row]) -> None:
+        """Hold the marks of the rows against the list of chosen numbers.
+
+        Raises:
+            SealegsError: a mark that the list contradicts, or a row that does not say what it rests on or how it is
+                judged; the sentence names all of them.
+        """
+        names = {row.name for row in rows}
+        wrong = [
+            f"'{key}' is chosen to reach '{name}', which is no row"
+            for key, choice in self.choices.items()
+            for name in choice.reach
+            if name not in names
+        ]
+        for row in rows:
+            wrong += [f"row '{row.name}' {reason}" for reason in self._contradictions(row)]
+        if wrong:
+            raise SealegsError(f"{self.name}: {'; '.join(wrong)}.")
+
+    def _contradictions(self, row: Row) -> list[str]:
+        if row.rests is None:
+            return ["does not say which chosen numbers it rests on"]
+        wrong = [f"rests on '{key}', which is not in the list of chosen numbers" for key in row.rests
+                 if key not in self.choices]  # fmt: skip
+        chosen_for = [key for key, choice in self.choices.items() if row.name in choice.reach]
+        wrong += [f"does not name '{key}', which was chosen to reach it" for key in chosen_for if key not in row.rests]
+        if chosen_for and row.mark != "fitted":
+            wrong.append(f"is {row.mark}, though '{chosen_for[0]}' was chosen to reach it")
+        if row.mark == "fitted" and not chosen_for:
+            wrong.append("is fitted, though nothing was chosen to reach it")
+        if row.mark == "follows from the inputs" and row.rests:
+            wrong.append(f"follows from the inputs, though it rests on '{row.rests[0]}'")
+        if row.holds is not None and not row.judged:
+            wrong.append("does not say where its tolerance comes from")
+        if (row.within or 0.0) > LARGEST and row.mark != "fitted" and "assumed" not in row.judged:
+            wrong.append(f"may be off by {row.within:.0%}, which is neither fitted nor assumed")
+        return wrong
+
+    def document(self, rows: Sequence[Row]) -> dict[str, Any]:
+        """Rows, chosen numbers and what is not built, as JSON has them; checked before."""
+        self.check(rows)
+        return {
+            "paper": self.name,
+            "rows": documents(rows),
+            "chosen": {key: asdict(choice) for key, choice in self.choices.items()},
+            "not_built": [asdict(item) for item in self.not_built],
+        }
+
+    def lines(self, rows: Sequence[Row]) -> list[str]:
+        """The rows as text, predictions that another model misses, the chosen numbers, and what is not built."""
+        lines = row_lines(self.name, rows)
+        lines += ["Predictions that another model of this project would have missed:"]
+        for row in rows:
+            if row.decides and row.rival is not None:
+                unit = f" {row.unit}" if row.unit else ""
+                lines.append(f"  {row.name}: printed {_text(row.printed)}{unit}, ours {_text(row.ours)}{unit}")
+                lines.append(f"    {row.rival.change}: {_text(row.rival.ours)}{unit}")
+        if not any(row.decides for row in rows):
+            lines.append("  none")
+        lines += ["", "Chosen numbers, what they were chosen to reach, and how many rows rest on them:"]
+        for key, choice in self.choices.items():
+            used = sum(key in (row.rests or ()) for row in rows)
+            reached = "; ".join(choice.reach) or "no row"
+            lines.append(f"  {key} = {choice.value}: {reached} ({used} rows)")
+        lines += ["", "Not built:"]
+        lines += [f"  {item.where}, {item.statement}: {item.why}" for item in self.not_built]
+        return [*lines, ""]
 
 
 def documents(rows: Sequence[Row]) -> list[dict[str, Any]]:

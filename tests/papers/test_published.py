@@ -1,23 +1,59 @@
-"""Rows of a comparison with a paper say what they are worth."""
+"""Rows of a comparison with a paper say what they are worth; the list of chosen numbers decides whether that holds."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from sealegs.common.errors import SealegsError
-from sealegs.papers.published import MARKS, Otherwise, Row, documents, row_lines
+from sealegs.envs.engine.numbers import Number
+from sealegs.papers.published import (
+    MARKS,
+    Choice,
+    NotBuilt,
+    Otherwise,
+    Paper,
+    Row,
+    assumed,
+    documents,
+    half_digit,
+    row_lines,
+)
+
+from docs.generate import papers as pages
 
 ROWS = [
-    Row("stiffness", "IV", 100.0, 100.05, "follows from the inputs", "N.m/rad", within=1e-3),
-    Row("hops", "VIII", 92.0, 80.0, "predicted", within=0.01, sensitivity=(Otherwise("floor friction 0.6", 16.0),)),
-    Row("legs irreversible", "6", "yes", "yes", "fitted", agrees=True, note="friction was chosen so"),
-]
+    Row(
+        "stiffness", "IV", 100.0, 100.05, "follows from the inputs", "N.m/rad", 1e-3, judged="half a digit", rests=()
+    ),
+    Row(
+        "hops", "VIII", 92.0, 80.0, "predicted", within=0.01, judged="a hop", rests=("floor", "lean"),
+        sensitivity=(Otherwise("floor friction 0.6", 16.0),),
+    ),
+    Row(
+        "legs irreversible", "6", "yes", "yes", "fitted", agrees=True, judged="holds", rests=("breakaway",),
+        note="friction was chosen so",
+    ),
+    Row(
+        "frequency", "IV", 2.9, 2.8, "predicted", "Hz", 0.1, judged="scatter of the paper", rests=("floor",),
+        rival=Otherwise("ideal motors", 4.0),
+    ),
+]  # fmt: skip
+PAPER = Paper(
+    "paper 009",
+    {
+        "floor": Choice("0.8", "plausible"),
+        "lean": Choice("8.7 deg", "searched", ()),
+        "breakaway": Choice("740 N", "tried", ("legs irreversible",)),
+    },
+    (NotBuilt("V", "fuel is saved", "the engine burns none"),),
+)
 
 
 def test_a_row_agrees_within_its_bound_and_is_marked_missed_beyond_it() -> None:
-    assert [row.holds for row in ROWS] == [True, False, True]
+    assert [row.holds for row in ROWS] == [True, False, True, True]
     text = row_lines("paper 009", ROWS)
     assert [line[0] for line in text if "VIII" in line] == ["!"]
     assert any("- " not in line and "-13.04%" in line for line in text)
@@ -29,7 +65,7 @@ def test_every_line_tells_its_mark_and_the_legend_what_it_means() -> None:
         assert any(row.name in line and line.endswith(row.mark) for line in text.splitlines())
         assert MARKS[row.mark] in text
     assert "planted and recovered" not in text
-    assert "predicted: " in text and "1 of 3 rows, 0 of 1 judged agree" in text
+    assert "predicted: " in text and "2 of 4 rows, 1 of 2 judged agree" in text
     assert "floor friction 0.6: 16" in text and "friction was chosen so" in text
 
 
@@ -43,3 +79,81 @@ def test_a_mark_that_there_is_not_is_refused() -> None:
     wrong: Any = "guessed"
     with pytest.raises(SealegsError, match="no mark 'guessed'"):
         Row("hops", "", 1.0, 1.0, wrong)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        (replace(ROWS[2], mark="predicted"), "is predicted, though 'breakaway' was chosen to reach it"),
+        (replace(ROWS[2], rests=()), "does not name 'breakaway', which was chosen to reach it"),
+        (replace(ROWS[1], mark="fitted"), "is fitted, though nothing was chosen to reach it"),
+        (replace(ROWS[1], rests=("flor",)), "rests on 'flor', which is not in the list"),
+        (replace(ROWS[1], rests=None), "does not say which chosen numbers it rests on"),
+        (replace(ROWS[1], judged=""), "does not say where its tolerance comes from"),
+        (replace(ROWS[1], within=0.2), "may be off by 20%, which is neither fitted nor assumed"),
+        (replace(ROWS[0], rests=("floor",)), "follows from the inputs, though it rests on 'floor'"),
+    ],
+)
+def test_a_mark_that_the_chosen_numbers_contradict_is_refused(changed: Row, sentence: str) -> None:
+    rows = [changed if row.name == changed.name else row for row in ROWS]
+    with pytest.raises(SealegsError, match=sentence):
+        PAPER.check(rows)
+
+
+def test_a_number_chosen_for_a_row_that_there_is_not_is_refused() -> None:
+    PAPER.check(ROWS)
+    with pytest.raises(SealegsError, match="chosen to reach 'legs irreversible', which is no row"):
+        PAPER.check(ROWS[:2])
+
+
+def test_a_wide_tolerance_passes_where_it_says_that_it_is_assumed() -> None:
+    PAPER.check([*ROWS[:1], replace(ROWS[1], within=0.2, judged="assumed"), *ROWS[2:]])
+
+
+def test_only_a_prediction_that_another_model_misses_decides() -> None:
+    assert [row.decides for row in ROWS] == [False, False, False, True]
+    for changed in (
+        replace(ROWS[3], mark="fitted"),
+        replace(ROWS[3], rival=Otherwise("ideal motors", 2.7)),
+        replace(ROWS[3], ours=4.0),
+    ):
+        assert not changed.decides
+
+
+def test_the_comparison_shows_the_other_model_the_choices_and_what_is_not_built() -> None:
+    text = "\n".join(PAPER.lines(ROWS))
+    assert "frequency: printed 2.9 Hz, ours 2.8 Hz\n    ideal motors: 4 Hz" in text
+    assert "breakaway = 740 N: legs irreversible (1 rows)" in text
+    assert "V, fuel is saved: the engine burns none" in text
+    written = PAPER.document(ROWS)
+    assert json.loads(json.dumps(written)) == json.loads(json.dumps(written))
+    assert written["chosen"]["floor"] == {"value": "0.8", "why": "plausible", "reach": ()}
+
+
+def test_a_printed_number_leaves_half_a_digit_open() -> None:
+    assert half_digit(2.5, 1) == pytest.approx(0.02) and half_digit(-12.0, 0) == pytest.approx(1.0 / 24.0)
+
+
+def test_the_assumed_numbers_of_a_robot_are_its_choices() -> None:
+    numbers = {
+        "mass": Number(2.0, "kg", "paper 009, table I"),
+        "length": Number(0.1, "m", "assumed: searched"),
+        "share": Number(0.5, "-", "assumed"),
+    }
+    found = assumed(numbers, length=("hops",))
+    assert found == {"length": Choice("0.1 m", "searched", ("hops",)), "share": Choice("0.5", "plausible")}
+    with pytest.raises(SealegsError, match="no assumed number is called mass"):
+        assumed(numbers, mass=("hops",))
+
+
+@pytest.mark.parametrize("robot", pages.robots())
+def test_a_page_is_that_of_the_results(robot: str) -> None:
+    written = (pages.PAGES / f"{robot}.md").read_text(encoding="utf-8")
+    assert written == pages.page(robot), "run python -m docs.generate.papers"
+
+
+def test_a_page_has_the_figures_of_its_rows() -> None:
+    found = pages.tables(json.loads(json.dumps(PAPER.document(ROWS))))
+    assert "| hops | VIII | 92 | 80 | -13.0% | 1 %: a hop | predicted | **no** |" in found["rows"]
+    assert "| frequency [Hz] | 2.9 | 2.8 | ideal motors | 4 |" in found["decided"]
+    assert "| `breakaway` | 740 N | tried | legs irreversible | 1 |" in found["chosen_numbers"]

@@ -1,0 +1,133 @@
+"""Writes the pages of the papers from what their command found: ``python -m docs.generate.papers [folder ...]``.
+
+    sealegs evaluate paper=hopper out=runs/hopper
+    python -m docs.generate.papers runs/hopper
+
+The ``<robot>.json`` of each folder is kept as ``benchmarks/results/paper_<robot>.json``. Then every page whose text
+lies in ``papers/<robot>/page.md`` is written from those results. A figure of the run stands there as a field, such as
+``{hopping[period]:.3f}``, and a table as ``{rows}``.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+TEXTS = CHECKOUT / "papers"
+RESULTS = CHECKOUT / "benchmarks" / "results"
+PAGES = CHECKOUT / "docs" / "results"
+WRITTEN = """
+*Written by `python -m docs.generate.papers` from the results of `sealegs evaluate paper={robot}`; do not edit.*
+"""
+
+
+def robots() -> list[str]:
+    """Robots whose page is written here."""
+    return sorted(path.parent.name for path in TEXTS.glob("*/page.md"))
+
+
+def page(robot: str) -> str:
+    """The text of docs/results/<robot>.md."""
+    result = json.loads((RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
+    text = (TEXTS / robot / "page.md").read_text(encoding="utf-8")
+    return text.format_map({**result, **tables(result)}) + WRITTEN.format(robot=robot)
+
+
+def tables(result: Mapping[str, Any]) -> dict[str, str]:
+    """What every page has: its rows, notes, sensitivities, decided predictions, choices, and what is not built."""
+    rows = result["rows"]
+    with_rival = [row for row in rows if row["decides"]]
+    return {
+        "rows": table(
+            ("paper", "where", "printed", "here", "off", "judged by", "mark", "agrees"),
+            (
+                (
+                    _name(row),
+                    row["where"],
+                    _text(row["printed"]),
+                    _text(row["ours"]),
+                    "" if row["off"] is None else f"{row['off']:+.1%}",
+                    _judged(row),
+                    row["mark"],
+                    {None: "not judged", True: "yes", False: "**no**"}[row["holds"]],
+                )
+                for row in rows
+            ),
+        ),
+        "notes": "\n".join(f"- {row['name']}: {row['note']}." for row in rows if row["note"]),
+        "sensitivity": table(
+            ("row", "as chosen", "otherwise", "then"),
+            (
+                (_name(row), _text(row["ours"]), change, _text(ours))
+                for row in rows
+                for change, ours in row["sensitivity"].items()
+            ),
+        ),
+        "decided": table(
+            ("prediction", "printed", "here", "other model", "its figure"),
+            (
+                (_name(row), _text(row["printed"]), _text(row["ours"]), model, _text(ours))
+                for row in with_rival
+                for model, ours in row["rival"].items()
+            ),
+        ),
+        "chosen_numbers": table(
+            ("number", "value", "chosen by", "to reach", "rows that rest on it"),
+            (
+                (
+                    f"`{key}`",
+                    item["value"],
+                    item["why"],
+                    "; ".join(item["reach"]) or "no row",
+                    str(sum(key in (row["rests"] or ()) for row in rows)),
+                )
+                for key, item in result["chosen"].items()
+            ),
+        ),
+        "left_out": table(
+            ("where", "the paper", "why it is not built"),
+            ((item["where"], item["statement"], item["why"]) for item in result["not_built"]),
+        ),
+    }
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table of Markdown."""
+    head = tuple(head)
+    lines = [head, ("---",) * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
+
+
+def _name(row: Mapping[str, Any]) -> str:
+    return f"{row['name']} [{row['unit']}]" if row["unit"] else row["name"]
+
+
+def _judged(row: Mapping[str, Any]) -> str:
+    bound = "" if row["within"] is None else f"{100.0 * row['within']:.2g} %: "
+    return bound + row["judged"]
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.5g}"
+
+
+def main(folders: Iterable[str]) -> None:
+    """Keep the results that lie in the folders, and write all pages."""
+    for folder in map(Path, folders):
+        found = [path for path in sorted(folder.glob("*.json")) if path.stem in robots()]
+        if not found:
+            raise SystemExit(f"{folder} holds no results of a paper; run sealegs evaluate paper=<robot> out={folder}.")
+        for path in found:
+            shutil.copyfile(path, RESULTS / f"paper_{path.name}")
+    for robot in robots():
+        (PAGES / f"{robot}.md").write_text(page(robot), encoding="utf-8")
+        print(f"Written: {PAGES / robot}.md")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
