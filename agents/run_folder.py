@@ -28,6 +28,7 @@ from typing import Any
 from ..common.atomic import finish_replacements, folder_written, write_text
 from ..common.documents import DocumentError, read_json, read_yaml
 from ..common.errors import SealegsError
+from ..common.fresh_names import STAMP
 
 try:
     import fcntl
@@ -70,7 +71,7 @@ class RunFolder:
             raise SealegsError(
                 f"name={name} must be one word without '/'; the folder it is made in is given as out=<folder>."
             )
-        stem = name or f"{label}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+        stem = name or f"{label}-{datetime.datetime.now():{STAMP}}"
         for attempt in range(100):
             path = out / (stem if attempt == 0 else f"{stem}-{attempt + 1}")
             try:

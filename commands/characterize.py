@@ -12,9 +12,10 @@ fit.json, chain.yaml and fit.png.
 
 from __future__ import annotations
 
-import datetime
 from pathlib import Path
 from typing import Any
+
+from ..common.fresh_names import fresh
 
 
 def main(arguments: list[str]) -> None:
@@ -41,8 +42,7 @@ def main(arguments: list[str]) -> None:
         table = measure(chain, Protocol(repeats=repeats), Noise(**numbers), seed)
     fit = fit_regression(table)
     new = chain_from(fit, table, chain, _number("gain", config["gain"]), _number("armature", config["armature"]))
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    report(Path(str(config["out"] or f"runs/characterize-{label}-{now}")), table, fit, new, label)
+    report(Path(str(config["out"] or fresh(Path("runs"), f"characterize-{label}"))), table, fit, new, label)
 
 
 def _number(key: str, value: Any) -> float:

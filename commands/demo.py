@@ -10,7 +10,6 @@ tried on the extended one.
 
 from __future__ import annotations
 
-import datetime
 import shlex
 import time
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 
 from ..common.documents import read_json
 from ..common.errors import SealegsError
+from ..common.fresh_names import fresh
 
 SERVO = "sv1270tg"
 # What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.
@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> None:
     config = compose("demo", split(arguments, plain=("out",)))
     seed = checked_seed(config["seed"])
     steps = checked("total_timesteps", config["total_timesteps"], Count)
-    out = Path(checked("out", config["out"] or f"runs/demo-{datetime.datetime.now():%Y%m%d-%H%M%S}", str))
+    out = Path(checked("out", config["out"] or str(fresh(Path("runs"), "demo")), str))
     if out.exists():
         raise SealegsError(f"{out} exists, and nothing is overwritten: give another folder, out=<folder>.")
     from ..agents.cross_evaluation import mean_reward  # here, so that no answer above waits for torch

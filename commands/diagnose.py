@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..common.errors import SealegsError
+from ..common.fresh_names import fresh
 from ..configs.script import Interrupted
 
 DIAGNOSES = Path("diagnoses")
@@ -48,7 +49,7 @@ def main(arguments: list[str]) -> None:
     if values["look"]:
         look(log, settings)
     elif values["fleet"]:
-        out = out or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+        out = out or fresh(DIAGNOSES, log.stem)
         with alone(out, inner=""):
             diagnose_fleet(log, out, settings, values["workers"], values["fleet"] == "ray")
     else:
@@ -90,7 +91,7 @@ def diagnose_one(
     if out is None:
         before = DIAGNOSES.glob(f"{log.stem}-*")
         source = source_of(log, settings) if log.exists() else {}
-        out = unfinished(before, source) or DIAGNOSES / f"{log.stem}-{time.strftime('%Y%m%d-%H%M%S')}"
+        out = unfinished(before, source) or fresh(DIAGNOSES, log.stem)
     console = Console()
     with console.status("reading") as status:
         started = time.perf_counter()

@@ -14,10 +14,11 @@ paper= writes the numbers (JSON), the motor positions over time (PNG), and posit
 
 from __future__ import annotations
 
-import datetime
 import importlib
 from pathlib import Path
 from typing import Any
+
+from ..common.fresh_names import fresh
 
 PLAIN = ("paper", "out", "policy", "task", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
 
@@ -46,8 +47,7 @@ def main(arguments: list[str]) -> None:
     if paper not in PAPERS:
         raise SealegsError(f"there is no paper '{paper}'{nearest(str(paper), PAPERS)}; there are {', '.join(PAPERS)}.")
     seconds = checked("seconds", config["seconds"], float)
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = Path(str(config["out"] or f"runs/paper-{paper}-{now}"))
+    out = Path(str(config["out"] or fresh(Path("runs"), f"paper-{paper}")))
     try:
         report = importlib.import_module(f"sealegs.papers.{paper}.report")  # only now, so that --help does not wait
     except ModuleNotFoundError as missing:
@@ -66,6 +66,5 @@ def compare_policy(config: dict[str, Any]) -> None:
     from ..evaluation.files import write_comparison
     from ..gap.output.files import fresh_folder
 
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = fresh_folder(Path(str(config["out"] or f"runs/comparison-{now}")))
+    out = fresh_folder(Path(str(config["out"] or fresh(Path("runs"), "comparison"))))
     write_comparison(compare(config, out), out)

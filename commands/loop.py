@@ -11,7 +11,6 @@ Each step is one of the other commands, and is printed.
 
 from __future__ import annotations
 
-import datetime
 import json
 import shlex
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ import yaml
 from ..common.atomic import write_text
 from ..common.documents import read_json, read_yaml
 from ..common.errors import SealegsError, nearest
+from ..common.fresh_names import fresh
 from ..configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]
@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> None:
         config["loads"] = BENCH_LOADS if robot.file is None else [{}]
     for load in config["loads"]:
         robot.parameters({**numbers(config), **load})  # says at once that it has no such number
-    out = Path(str(config["out"] or f"runs/loop-{datetime.datetime.now():%Y%m%d-%H%M%S}"))
+    out = Path(str(config["out"] or fresh(Path("runs"), "loop")))
     out.mkdir(parents=True, exist_ok=True)
     keep(out / "loop.yaml", {key: value for key, value in config.items() if key != "out"})
     machine = machine_arguments(config, given, out)
@@ -193,10 +193,10 @@ def complete(out: Path, name: str) -> bool:
         return True
     aside = out / "unfinished"
     aside.mkdir(exist_ok=True)
-    stamp = datetime.datetime.now().strftime("%H%M%S")
+    free = fresh(aside, name)
     for ending in (".csv", ".yaml", ".events.jsonl"):
         if (part := out / "log" / f"{name}{ending}").exists():
-            part.rename(aside / f"{name}-{stamp}{ending}")
+            part.rename(free.with_name(f"{free.name}{ending}"))
     return False
 
 
@@ -268,7 +268,7 @@ def put_aside(folder: Path, out: Path) -> None:
     if folder.exists():
         aside = out / "unfinished"
         aside.mkdir(exist_ok=True)
-        folder.rename(aside / f"{folder.name}-{datetime.datetime.now():%H%M%S}")
+        folder.rename(fresh(aside, folder.name))
 
 
 def keep(file: Path, config: Mapping[str, Any]) -> None:

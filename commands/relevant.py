@@ -11,12 +11,12 @@ run can be left out; the error that this makes is printed. Writes relevant.json 
 
 from __future__ import annotations
 
-import datetime
 import json
 from pathlib import Path
 from typing import Any
 
 from ..common.atomic import write_text
+from ..common.fresh_names import fresh
 
 WORD = "relevant"
 FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given
@@ -35,8 +35,7 @@ def main(arguments: list[str]) -> None:
     seconds, seed = checked("seconds", config["seconds"], float), int(checked("seed", config["seed"], int))
     if min(tempos) <= 0.0 or seconds < 0.5:
         raise SealegsError("tempos are positive times [s], and seconds is at least 0.5.")
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = Path(str(config["out"] or f"runs/relevant-{Path(str(config['robot'])).stem}-{now}"))
+    out = Path(str(config["out"] or fresh(Path("runs"), f"relevant-{Path(str(config['robot'])).stem}")))
     analyse(str(config["robot"]), config["actuator"], tempos, seconds, config["amplitude"], seed, out)
 
 

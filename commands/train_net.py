@@ -11,12 +11,12 @@ time a counter says how many inputs left the training range. Ctrl-C ends the tra
 
 from __future__ import annotations
 
-import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..actuators.gravity import GRAVITY
 from ..common.errors import SealegsError, nearest
+from ..common.fresh_names import fresh
 from ..configs.script import Interrupted
 
 if TYPE_CHECKING:
@@ -41,8 +41,7 @@ def main(arguments: list[str]) -> None:
     else:
         runs, behind, source, armature = _simulated(config)
         config["armature"] = armature
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    out = Path(str(config["out"] or f"runs/net-{Path(source).stem}-{now}"))
+    out = Path(str(config["out"] or fresh(Path("runs"), f"net-{Path(source).stem}")))
     try:
         out.mkdir(parents=True)
     except FileExistsError:

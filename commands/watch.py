@@ -12,13 +12,13 @@ Writes an mp4 and prints how long each episode in it lasts and what it earns.
 from __future__ import annotations
 
 import contextlib
-import datetime
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..common.atomic import written
 from ..common.errors import SealegsError
+from ..common.fresh_names import fresh
 
 
 def main(arguments: list[str]) -> None:
@@ -45,9 +45,8 @@ def main(arguments: list[str]) -> None:
         actuator, found = _as_found(config, {**stored, **changed}, numbers[1])
         numbers.append(found)
     env_config = checked_env({**stored, **changed, "params": {k: v for n in numbers for k, v in n.items()}})
-    now = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     name = "-".join(folder.resolve().parts[-2:])
-    out = Path(str(config["out"] or f"runs/film-{name}-{now}.mp4"))
+    out = Path(str(config["out"] or fresh(Path("runs"), f"film-{name}", ".mp4")))
     if out.exists():
         raise SealegsError(f"{out} is there already, and nothing is overwritten; give another out=<file>.")
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -24,6 +24,7 @@ import yaml
 
 from ...common.atomic import write_text
 from ...common.errors import SealegsError
+from ...common.fresh_names import STAMP
 from ...configs.check import Count, checked
 from ...configs.script import run
 from ...envs.engine.base import BaseLayout
@@ -44,7 +45,7 @@ from .joints import (
     read_lines,
     table,
 )
-from .newest_calibration import FOLDER, STAMP
+from .newest_calibration import FOLDER
 
 HEAD = (
     "# zero: step of the encoder at 0; direction: 1 where steps grow with the joint; range: rad or m; per_radian:\n"

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from ...common.documents import DocumentError, read_yaml
+from ...common.fresh_names import STAMP
 from .joints import CalibrationError
 
 FOLDER = Path("calibrations")
-STAMP = "%Y%m%d-%H%M%S"
-"""Of the end of a calibration's name, ``<robot>-<stamp>.yaml``."""
 LENGTH = len("20260101-000000")
 REMEDY = "repair it, move it elsewhere, or give calibration=<file>."
 

@@ -16,6 +16,7 @@ from annotated_types import Ge, Le
 
 from ...common.alarm import to_stderr
 from ...common.errors import SealegsError
+from ...common.fresh_names import fresh
 from ...configs.check import checked, checked_seed
 from ...envs.bench.robot import BENCH
 from ...envs.robots import get_robot
@@ -392,10 +393,10 @@ def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Comman
 def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str, int]]) -> MeasuredLog:
     config, robot, commands = deployment.config, deployment.robot, deployment.commands
     now = datetime.datetime.now().astimezone()
-    name = config["name"] or f"{commands.name}-{now:%Y%m%d-%H%M%S}"
     real = config["hw"]["virtual"] is None
     # what was simulated never lies among what was measured: one diagnosis reads a whole folder
     folder = Path(str(config["out"] or Path("logs") / (robot.robot.name if real else f"{robot.robot.name}-virtual")))
+    name = config["name"] or fresh(folder, commands.name).name
     meta = {
         "machine": "servos" if real else "virtual bus",
         "date": now.isoformat(timespec="seconds"),
