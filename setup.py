@@ -20,7 +20,7 @@ setup(
     packages=["sealegs", *(f"sealegs.{folder}" for folder in FOLDERS)],
     package_dir={"sealegs": "."},
     package_data={
-        "": ["*.yaml", "*.npz", "*.j2", "*.css"],
+        "": ["*.yaml", "*.xml", "*.npz", "*.j2", "*.css"],
         "sealegs": ["py.typed"],
         "sealegs.configs": ["*/*.yaml", "*/*.npz"],  # folders of choices, which are no packages
     },

@@ -6,6 +6,7 @@ from ..engine.single import SingleEnv
 from ..engine.vector import BatchVectorEnv
 from .reach import ReachTask
 from .track import TrackTask
+from .walk import WalkTask
 
 
 class TrackEnv(SingleEnv, task=TrackTask):
@@ -154,3 +155,11 @@ class ReachEnv(SingleEnv, task=ReachTask):
 
 class ReachVectorEnv(BatchVectorEnv, task=ReachTask):
     """Many :class:`ReachEnv` side by side, with the same arguments."""
+
+
+class WalkEnv(SingleEnv, task=WalkTask):
+    r"""todo"""
+
+
+class WalkVectorEnv(BatchVectorEnv, task=WalkTask):
+    """Many :class:`WalkEnv` side by side, with the same arguments."""

@@ -26,6 +26,7 @@ class AnyRobotTask(Task):
 
     Attributes:
         per_joint: uniform random numbers that one start needs for each driven coordinate.
+        per_robot: further ones that it needs, which come last.
     """
 
     tolerance: float = 0.05
@@ -37,10 +38,11 @@ class AnyRobotTask(Task):
     robot = BENCH
     any_robot = True
     per_joint: ClassVar[int] = 2
+    per_robot: ClassVar[int] = 0
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
-        cls.draws = cls.per_joint * len(cls.robot.coordinates)
+        cls.draws = cls.per_joint * len(cls.robot.coordinates) + cls.per_robot
 
     @classmethod
     def on(cls, robot: Robot | str | Path) -> type[Self]:
@@ -97,7 +99,8 @@ class AnyRobotTask(Task):
 
     def per_coordinate(self, random: np.ndarray) -> np.ndarray:
         """The uniform numbers of m starts (m, draws) by coordinate (m, k, per_joint)."""
-        return random.reshape(len(random), len(self.names), self.per_joint)
+        count = self.per_joint * len(self.names)
+        return random[:, :count].reshape(len(random), len(self.names), self.per_joint)
 
     def placed(self, drivetrain: Drivetrain, angles: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Put the coordinates of m robots to ``angles`` (m, k) [rad or m], at rest; the goals that hold them there.

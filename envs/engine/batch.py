@@ -15,7 +15,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from ...actuators.engine import install
-from ...actuators.layout import S_OUT_OF_RANGE, S_TORQUE
+from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
 from .at_once import BreaksAtOnce
 from .model_ties import in_turn, place_followers
@@ -25,6 +25,7 @@ from .robot import ChainSource
 from .sides import Sides
 from .task import ModulatedTask, Motion, Task
 from .task_shapes import check_observation, check_step
+from .world import World, with_contacts
 
 
 @dataclass(slots=True)
@@ -65,6 +66,7 @@ class BatchEngine:
         action_names: what the elements of an action mean.
         dt: control step [s].
         steps: control steps since reset, (n,).
+        world: contacts, bodies, sites and sensors that the task sees.
         drawn: values of the running episodes' randomisation by name, (n,) each.
     """
 
@@ -106,12 +108,13 @@ class BatchEngine:
             raise SealegsError(f"num_envs is {num_envs!r}; it must be a whole number of at least 1.")
         self.task, self.num_envs = task, num_envs
         self.numbers = task.robot.parameters(params)
-        self.drivetrain = task.robot.drivetrain(actuator, params)
+        robot = with_contacts(task.robot, task.sees)
+        self.drivetrain = robot.drivetrain(actuator, params)
         self.chains = self.drivetrain.chains
         check_position_goals(task.robot, self.chains, "a task gives")
         self.randomization = Randomization(self.drivetrain, randomization)
         if self.randomization.chains != self.chains:
-            self.drivetrain = task.robot.drivetrain(self.randomization.chains, params)
+            self.drivetrain = robot.drivetrain(self.randomization.chains, params)
         model = self.drivetrain.model
         self.substeps = _substeps(control_rate, model.opt.timestep)
         self._late = _late(action_delay, model.opt.timestep)
@@ -128,6 +131,8 @@ class BatchEngine:
         names = [item.name for item in self.drivetrain.coordinates]
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
+        self._duties = addresses + S_DUTY
+        self.world = World(self.batch, task.sees)
         self._motor, self._link = (Sides(self.drivetrain, names, side) for side in ("motor", "link"))
         limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])
@@ -155,14 +160,13 @@ class BatchEngine:
     # --- looking -----------------------------------------------------------------------------------------------
 
     def look(self, simulation: int, data: mujoco.MjData) -> mujoco.MjData:
-        """Copy the state of one simulation into ``data``, with what follows from its positions (``xpos``, ``xmat``,
-        centres of mass, cameras, tendons); the simulation is not touched."""
+        """Copy the state of one simulation into ``data``, with all that follows from it: poses, speeds, contacts,
+        forces, sensors; the simulation is not touched."""
         model = self.drivetrain.model
         mujoco.mj_setState(model, data, self.batch.state[simulation], mujoco.mjtState.mjSTATE_INTEGRATION)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_camlight(model, data)
-        mujoco.mj_tendon(model, data)
+        install()
+        mujoco.mj_forward(model, data)
+        mujoco.mj_setState(model, data, self.batch.state[simulation], mujoco.mjtState.mjSTATE_INTEGRATION)
         return data
 
     # --- starting ----------------------------------------------------------------------------------------------
@@ -202,6 +206,7 @@ class BatchEngine:
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         self.batch.forward(chosen)  # the chains' memories start at these goals
         self.steps[chosen] = 0
+        self.world.start(chosen)
         if self._generated is not None:
             self._action[chosen] = 0.0
             self._generated.begin(chosen, random[:, :task_draws], goals)
@@ -238,6 +243,7 @@ class BatchEngine:
             self.batch.step(nstep=self.substeps - self._late)
         self._action = action
         self.steps += 1
+        self.world.advance(self.dt)
         motion = self.motion(previous)
         terms, failed = self.task.rewards(motion), self.task.failed(motion)
         if not self._sound:
@@ -311,6 +317,8 @@ class BatchEngine:
             command=self._command,
             time=self.steps * self.dt,
             numbers=self.numbers,
+            duty=self._userdata[:, self._duties],
+            world=self.world,
             **(self._generated.motion() if self._generated is not None else {}),
         )
 

@@ -83,4 +83,6 @@ def add_scene(spec: mujoco.MjSpec, friction: float = 1.0, tile: float = 0.1, rea
         material="tiles",
         friction=(friction, 0.005, 0.0001),
         condim=3,
+        contype=1,  # whatever the defaults of a file are
+        conaffinity=1,
     )

@@ -13,6 +13,7 @@ import numpy as np
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from .robot import Robot
+from .world import NO_WORLD, World
 
 
 @dataclass(slots=True)
@@ -36,6 +37,8 @@ class Motion:
         memory: of the generator (n, task.memory), where actions modulate one.
         power: mean over the control step of :meth:`ModulatedTask.power` (n,) [W], likewise.
         qpos_rate: mean rate of the true positions over the control step (n, nq), likewise.
+        duty: share of the supply that the drive gives the motor, -1 to 1 (n, k); 0 of chains without one.
+        world: contacts, bodies, sites and sensors, of those words that the task has in ``sees``; not for observations.
     """
 
     qpos: np.ndarray
@@ -54,6 +57,8 @@ class Motion:
     memory: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     power: np.ndarray = field(default_factory=lambda: np.empty(0))
     qpos_rate: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    duty: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    world: World = NO_WORLD
 
 
 def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:
@@ -74,6 +79,7 @@ class Task(ABC):
         control_rate: actions per second [Hz], where nothing else is asked for.
         any_robot: whether its environment takes a ``robot``; :class:`sealegs.envs.any_robot.task.AnyRobotTask` does.
         episode_steps: control steps of an episode of a task in a user's own file.
+        sees: words of :data:`sealegs.envs.engine.world.SEES`: what it finds in :attr:`Motion.world`.
     """
 
     robot: ClassVar[Robot]
@@ -82,6 +88,7 @@ class Task(ABC):
     control_rate: ClassVar[float] = 50.0
     any_robot: ClassVar[bool] = False
     episode_steps: ClassVar[int] = 500
+    sees: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def on(cls, robot: Robot | str | Path) -> type[Self]:

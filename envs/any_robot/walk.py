@@ -1,0 +1,231 @@
+"""Walk as commanded: forward, sideways, turning, or standing still, with any robot whose base is free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from ...actuators import Drivetrain
+from ...common.errors import SealegsError
+from ..engine.base import projected_gravity
+from ..engine.robot import Robot
+from ..engine.task import Motion, drawn
+from ..robots import get_robot
+from .stand import Standing, standing
+from .task import AnyRobotTask, Numbers
+
+COMMANDS = ("forward [m/s]", "sideways [m/s]", "turn [rad/s]")
+SLOW = 0.05  # [m/s] of a foot over the body, from which on the reference gait lifts it fully; assumed
+SWING = 0.5  # of a cycle of the reference gait that a foot is in the air
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class WalkTask(AnyRobotTask):
+    """Weights and ranges of the task; the table in :class:`sealegs.envs.any_robot.env.WalkEnv` explains them."""
+
+    forward: float | Sequence[float] = (-0.2, 0.3)
+    sideways: float | Sequence[float] = (-0.1, 0.1)
+    turn: float | Sequence[float] = (-0.6, 0.6)
+    stand_share: float = 0.1
+    correction: float = 0.25
+    cadence: float = 0.0
+    lift: float = 0.03
+    tolerance: float = 0.15
+    turn_tolerance: float = 0.5
+    tracking_weight: float = 2.0
+    turn_weight: float = 1.0
+    upright_weight: float = 2.0
+    sway_weight: float = 0.1
+    air_time_weight: float = 1.0
+    air_time: float = 0.2
+    slip_weight: float = 0.1
+    clearance_weight: float = 0.1
+    collision_weight: float = 0.5
+    smooth_weight: float = 0.05
+    duty_weight: float = 0.1
+    energy_weight: float = 0.002
+    stand_weight: float = 1.0
+    healthy_tilt: float = 0.7
+    healthy_height: float = 0.5
+    start_noise: float = 0.05
+
+    robot = get_robot("quadruped")
+    ranges = ("forward", "sideways", "turn")
+    per_joint = 1
+    per_robot = len(COMMANDS) + 1
+    sees = ("ground", "bodies")
+    stance: ClassVar[Standing]
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "turn_tolerance", "lift"):
+            if not getattr(self, name) > 0.0:  # errors count as shares of it
+                raise SealegsError(f"{name} is {getattr(self, name):g}; it must be above 0.")
+        type(self).standing_of()
+
+    @classmethod
+    def on(cls, robot: Robot | str | Path) -> type[Self]:
+        kind = super().on(robot)
+        kind.standing_of()
+        return kind
+
+    @classmethod
+    def standing_of(cls) -> Standing:
+        """How the class's robot stands, found once.
+
+        Raises:
+            SealegsError: it has no free base, or no feet on a floor.
+        """
+        if "stance" not in vars(cls):
+            cls.stance = standing(cls.robot)
+        return cls.stance
+
+    # --- what is asked for -------------------------------------------------------------------------------------
+
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        draws = random[:, -self.per_robot :]
+        asked = np.stack([drawn(getattr(self, name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)
+        return np.where(draws[:, -1:] < self.stand_share, 0.0, asked)
+
+    def place(
+        self, drivetrain: Drivetrain, numbers: Numbers, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray
+    ) -> np.ndarray:
+        del numbers
+        noise = self.start_noise * self.half * (2.0 * self.per_coordinate(random)[:, :, 0] - 1.0)
+        return self.placed(drivetrain, self.centre + noise, qpos, qvel)
+
+    def reference(
+        self, time: np.ndarray, command: np.ndarray, numbers: Numbers
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        del numbers
+        goals: Any = np.broadcast_to(self.centre, (len(time), len(self.centre)))
+        if self.cadence > 0.0:
+            goals = goals + self._gait(time, command)
+        return goals, self.correction * self.half
+
+    def _gait(self, time: np.ndarray, command: np.ndarray) -> Any:
+        """Change of the goals (n, k): each foot in turn is lifted and swings ahead, as the command asks."""
+        stance, found = self.stance, 0.0
+        for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
+            cycle = (self.cadence * time + 0.5 * float(turn)) % 1.0
+            along, across = self._speed_of(command, place)
+            moving = np.minimum(np.sqrt(along * along + across * across) / SLOW, 1.0)
+            swinging = cycle < SWING
+            ahead = np.where(swinging, -0.5 * np.cos(np.pi * cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
+            up = self.lift * moving * np.where(swinging, np.sin(np.pi * cycle / SWING), 0.0)
+            stride = (1.0 - SWING) / self.cadence  # [s] on the ground
+            for axis, way in enumerate((stride * along * ahead, stride * across * ahead, up)):
+                found = found + way[:, None] * stance.per_metre[foot, axis]
+        return found
+
+    @staticmethod
+    def _speed_of(command: np.ndarray, place: np.ndarray) -> tuple[Any, Any]:
+        """Speed over the ground of a place of the body (n,) [m/s], as commanded."""
+        forward, sideways, turn = command[:, 0], command[:, 1], command[:, 2]
+        return forward - turn * float(place[1]), sideways + turn * float(place[0])
+
+    # --- what the policy sees ----------------------------------------------------------------------------------
+
+    def observation_names(self) -> tuple[str, ...]:
+        return (
+            *(f"commanded {name}" for name in COMMANDS),
+            *(f"gravity along {axis} of the base" for axis in AXES),
+            *(f"turn rate about {axis} of the base [rad/s]" for axis in AXES),
+            *self.named(("motor reading from the stance", "{unit}"), ("motor speed", "{unit}/s")),
+            *self.named(("last action", "-"), ("action before", "-")),
+            *(("sine of the clock", "cosine of the clock") if self.cadence > 0.0 else ()),
+        )
+
+    def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+        m = motion
+        parts = (m.command, self._gravity(m), self._turn_rate(m), m.reading - self.centre, m.reading_speed)
+        parts = (*parts, m.action, m.previous_action)
+        if self.cadence > 0.0:
+            phase = 2.0 * np.pi * (self.cadence * m.time % 1.0)
+            parts = (*parts, np.sin(phase), np.cos(phase))
+        return parts
+
+    def _gravity(self, motion: Motion) -> np.ndarray:
+        at = self.stance.qpos + 3
+        return projected_gravity(motion.qpos[:, at : at + 4])
+
+    def _turn_rate(self, motion: Motion) -> np.ndarray:
+        at = self.stance.dof + 3
+        return motion.qvel[:, at : at + 3]
+
+    # --- what it is worth --------------------------------------------------------------------------------------
+
+    def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
+        m = motion
+        up = -self._gravity(m) @ self.stance.up
+        change = m.action - m.previous_action
+        still = ~m.command.any(axis=1)
+        away = np.abs((m.reading - self.centre) / self.half).mean(axis=1)
+        power = np.abs(m.torque * m.motor_speed).sum(axis=1)
+        terms = {
+            "reward_upright": -self.upright_weight * (1.0 - up**2),
+            "reward_smooth": -self.smooth_weight * (change**2).mean(axis=1),
+            "reward_energy": -self.energy_weight * power,
+            "reward_stand": -self.stand_weight * still * away,
+        }
+        return terms | self._simulated(m, still) if m.world.simulated else terms
+
+    def _simulated(self, motion: Motion, still: np.ndarray) -> dict[str, np.ndarray]:
+        """Terms of what a machine does not measure."""
+        m, stance, world = motion, self.stance, motion.world
+        velocity, turn, sway = self.velocity(m)
+        off = ((velocity[:, :2] - m.command[:, :2]) ** 2).sum(axis=1) / self.tolerance**2
+        astray = ((turn - m.command[:, 2]) / self.turn_tolerance) ** 2
+        bounce = (velocity[:, 2] / self.tolerance) ** 2 + (sway / self.turn_tolerance) ** 2
+        soles, speeds = self._soles(m)
+        touching, landed = world.touching(stance.feet), world.landed(stance.feet)
+        aired = np.where(landed > 0.0, np.minimum(landed, 2.0 * self.air_time) - self.air_time, 0.0).sum(axis=1)
+        sliding = (np.minimum(speeds / self.tolerance, 1.0) * touching).sum(axis=1)
+        low = np.maximum(1.0 - (soles - soles.min(axis=1, keepdims=True)) / self.lift, 0.0)
+        shuffling = (np.minimum(speeds / self.tolerance, 1.0) * low * ~touching).sum(axis=1)
+        others = [name for name in world.touchable() if name not in stance.feet]
+        return {
+            "reward_tracking": self.tracking_weight * np.exp(-off),
+            "reward_turn": self.turn_weight * np.exp(-astray),
+            "reward_sway": -self.sway_weight * bounce,
+            "reward_air_time": self.air_time_weight / self.air_time * aired * ~still,
+            "reward_slip": -self.slip_weight * sliding,
+            "reward_clearance": -self.clearance_weight * shuffling,
+            "reward_collision": -self.collision_weight * world.touching(others).sum(axis=1),
+            "reward_duty": -self.duty_weight * (m.duty**2).mean(axis=1),
+        }
+
+    def velocity(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the base: forward, sideways and up (n, 3) [m/s], turn (n,) [rad/s], and other turning (n,) [rad/s]."""
+        stance, rate, gravity = self.stance, self._turn_rate(motion), self._gravity(motion)
+        w, x, y, z = (motion.qpos[:, stance.qpos + 3 + k] for k in range(4))
+        first, second, third = stance.forward
+        ahead = (1.0 - 2.0 * (y * y + z * z)) * first + 2.0 * (x * y - w * z) * second + 2.0 * (x * z + w * y) * third
+        aside = 2.0 * (x * y + w * z) * first + (1.0 - 2.0 * (x * x + z * z)) * second + 2.0 * (y * z - w * x) * third
+        length = np.maximum(np.hypot(ahead, aside), 1e-9)
+        ahead, aside = ahead / length, aside / length
+        along, across, up = (motion.qvel[:, stance.dof + k] for k in range(3))
+        turn = -(rate * gravity).sum(axis=1)
+        other = np.sqrt(np.maximum((rate**2).sum(axis=1) - turn**2, 0.0))
+        return np.stack([along * ahead + across * aside, across * ahead - along * aside, up], axis=1), turn, other
+
+    def _soles(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Height (n, f) [m] and horizontal speed (n, f) [m/s] of the soles."""
+        world, pairs = motion.world, list(zip(self.stance.feet, self.stance.soles, strict=True))
+        heights = np.stack([world.position(foot, sole)[:, 2] for foot, sole in pairs], axis=1)
+        speeds = np.stack([np.hypot(*world.velocity(foot, sole)[:, :2].T) for foot, sole in pairs], axis=1)
+        return heights, speeds
+
+    def failed(self, motion: Motion) -> np.ndarray:
+        fallen = -self._gravity(motion) @ self.stance.up < np.cos(self.healthy_tilt)
+        if not motion.world.simulated:
+            return fallen
+        base = motion.qpos[:, self.stance.qpos + 2]
+        low = base - self._soles(motion)[0].min(axis=1) < self.healthy_height * self.stance.height
+        if self.stance.base in motion.world.touchable():
+            low |= motion.world.touching([self.stance.base])[:, 0]
+        return fallen | low

@@ -1,0 +1,217 @@
+"""What a task sees of the simulated world beyond joints: contacts, poses and speeds of bodies and sites, sensors.
+
+A task says in ``sees`` what it needs, and finds it in ``motion.world``, for all simulations at once. Rewards and ends
+may use all of it. An observation may not: a policy sees what the machine measures.
+
+Contacts, speeds and sensors are as of the last physics step's beginning, as MuJoCo has them after a step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from ...common.errors import SealegsError, nearest
+from .robot import Robot
+
+TOUCH = {"ground": "world", "contacts": ""}
+"""Words of ``sees`` that count contacts: with what does not move, or with anything."""
+SEES = (*TOUCH, "bodies", "sites", "sensors")
+"""Words of ``sees``."""
+_FIELDS = {"bodies": ("xpos", "xmat", "cvel", "subtree_com"), "sites": ("site_xpos", "site_xmat"), "sensors": ()}
+_FOUND_AND_FORCE, _NET_FORCE = 0b11, 3  # of a contact sensor: data, reduction
+
+
+def with_contacts(robot: Robot, sees: Sequence[str]) -> Robot:
+    """The robot with a contact sensor for each of its bodies, where a task sees contacts.
+
+    Raises:
+        SealegsError: ``sees`` has a word that is none.
+    """
+    for word in sees:
+        if word not in SEES:
+            raise SealegsError(f"a task sees {', '.join(SEES)}; '{word}' is none of them{nearest(word, SEES)}.")
+    words = [word for word in sees if word in TOUCH]
+    if not words:
+        return robot
+
+    def build(values: Mapping[str, float]) -> mujoco.MjSpec:
+        spec = robot.build(values)
+        for body in _touchable(spec):
+            for word in words:
+                sensor = spec.add_sensor(name=f"{word}/{body}", type=mujoco.mjtSensor.mjSENS_CONTACT)
+                sensor.reftype, sensor.refname = mujoco.mjtObj.mjOBJ_BODY, body
+                if TOUCH[word]:  # the first of the two: the force is the one on the second
+                    sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_BODY, TOUCH[word]
+                sensor.intprm[:3] = _FOUND_AND_FORCE, _NET_FORCE, 1
+        return spec
+
+    return dataclasses.replace(robot, build=build)
+
+
+def _touchable(spec: mujoco.MjSpec) -> list[str]:
+    """Named bodies with a shape that can touch."""
+    return [
+        body.name
+        for body in spec.bodies
+        if body.name and body.name != "world" and any(geom.contype or geom.conaffinity for geom in body.geoms)
+    ]
+
+
+class World:
+    """The world of n simulations, as a task sees it; arrays are not to be written to.
+
+    Names that the model does not have are refused in a sentence.
+
+    Attributes:
+        simulated: whether there is one; on the machine there is not.
+    """
+
+    simulated = True
+
+    def __init__(self, batch: Batch, sees: Sequence[str]) -> None:
+        """See in ``batch`` what the words of ``sees`` name."""
+        model = self._model = batch.model
+        self._sees = tuple(sees)
+        names = [name for word in sees for name in _FIELDS.get(word, ())]
+        self._bound: dict[str, np.ndarray] = {name: batch.bind(name) for name in names}
+        self._sensors = batch.bind("sensordata") if {*sees} & {*TOUCH, "sensors"} else np.empty((batch.nsim, 0))
+        self._touch: dict[str, dict[str, int]] = {word: {} for word in TOUCH if word in sees}
+        for number in range(model.nsensor):
+            word, _, body = model.sensor(number).name.partition("/")
+            if word in self._touch:
+                self._touch[word][body] = int(model.sensor_adr[number])
+        self._air = {word: np.zeros((batch.nsim, len(rows))) for word, rows in self._touch.items()}
+        self._landed = {word: np.zeros_like(air) for word, air in self._air.items()}
+
+    # --- contacts ----------------------------------------------------------------------------------------------
+
+    def touchable(self, word: str = "ground") -> tuple[str, ...]:
+        """Bodies that have a shape that can touch."""
+        return tuple(self._rows(word))
+
+    def touching(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
+        """Whether each body touches the ground, or with ``word`` of ``contacts`` anything (n, b)."""
+        return self._sensors[:, self._addresses(word, bodies)] > 0.0
+
+    def contact_force(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
+        """Sum of the contact forces on each body, in the world (n, b, 3) [N]."""
+        addresses = np.array(self._addresses(word, bodies))
+        return self._sensors[:, addresses[:, None] + np.arange(1, 4)]
+
+    def air_time(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
+        """How long each body has not touched; 0 of one that touches (n, b) [s]."""
+        return self._air[word][:, self._columns(word, bodies)]
+
+    def landed(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
+        """How long each body that touches since this control step had not touched; 0 of the others (n, b) [s]."""
+        return self._landed[word][:, self._columns(word, bodies)]
+
+    # --- poses, speeds, sensors --------------------------------------------------------------------------------
+
+    def position(self, body: str, point: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+        """Of a point that is given in the body's frame, in the world (n, 3) [m]."""
+        return self._field("bodies", "xpos")[:, self._body(body)] + self.rotation(body) @ np.asarray(point)
+
+    def rotation(self, body: str) -> np.ndarray:
+        """From the body's frame to the world's (n, 3, 3)."""
+        return self._field("bodies", "xmat")[:, self._body(body)].reshape(-1, 3, 3)
+
+    def velocity(self, body: str, point: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+        """Of a point that is given in the body's frame, in the world (n, 3) [m/s]."""
+        number = self._body(body)
+        centre = self._field("bodies", "subtree_com")[:, self._model.body_rootid[number]]
+        linear = self._field("bodies", "cvel")[:, number, 3:]
+        return linear + np.cross(self.turn_rate(body), self.position(body, point) - centre)
+
+    def turn_rate(self, body: str) -> np.ndarray:
+        """Of a body about the world's axes (n, 3) [rad/s]."""
+        return self._field("bodies", "cvel")[:, self._body(body), :3]
+
+    def site_position(self, site: str) -> np.ndarray:
+        """In the world (n, 3) [m]."""
+        return self._field("sites", "site_xpos")[:, self._number("site", site)]
+
+    def site_rotation(self, site: str) -> np.ndarray:
+        """From the site's frame to the world's (n, 3, 3)."""
+        return self._field("sites", "site_xmat")[:, self._number("site", site)].reshape(-1, 3, 3)
+
+    def sensor(self, name: str) -> np.ndarray:
+        """A sensor of the model file (n, d), in MuJoCo's units and frames."""
+        self._field("sensors", "")
+        number = self._number("sensor", name)
+        start = int(self._model.sensor_adr[number])
+        return self._sensors[:, start : start + int(self._model.sensor_dim[number])]
+
+    # --- the engine's side -------------------------------------------------------------------------------------
+
+    def advance(self, dt: float) -> None:
+        """A control step of ``dt`` [s] has passed."""
+        for word, rows in self._touch.items():
+            touching = self._sensors[:, list(rows.values())] > 0.0
+            self._landed[word] = np.where(touching, self._air[word], 0.0)
+            self._air[word] = np.where(touching, 0.0, self._air[word] + dt)
+
+    def start(self, chosen: np.ndarray) -> None:
+        """Episodes start in the simulations ``chosen``."""
+        for word, air in self._air.items():
+            air[chosen] = 0.0
+            self._landed[word][chosen] = 0.0
+
+    def _field(self, word: str, name: str) -> np.ndarray:
+        if word not in self._sees:
+            raise SealegsError(f"the task does not see {word}: write sees = ({word!r},) in its class.")
+        return self._bound.get(name, self._sensors)
+
+    def _rows(self, word: str) -> dict[str, int]:
+        if word not in self._touch:
+            raise SealegsError(f"the task does not see {word}: write sees = ({word!r},) in its class.")
+        return self._touch[word]
+
+    def _addresses(self, word: str, bodies: Sequence[str]) -> list[int]:
+        rows = self._rows(word)
+        return [rows[name] for name in _known(bodies, rows, "body that can touch")]
+
+    def _columns(self, word: str, bodies: Sequence[str]) -> list[int]:
+        rows = list(self._rows(word))
+        return [rows.index(name) for name in _known(bodies, rows, "body that can touch")]
+
+    def _body(self, name: str) -> int:
+        return self._number("body", name)
+
+    def _number(self, kind: str, name: str) -> int:
+        accessor: Callable[[Any], Any] = getattr(self._model, kind)
+        try:
+            return int(accessor(name).id)
+        except KeyError:
+            count = {"body": self._model.nbody, "site": self._model.nsite, "sensor": self._model.nsensor}[kind]
+            known = [accessor(k).name for k in range(count)]
+            raise SealegsError(f"the model has no {kind} '{name}'{nearest(name, known)}.") from None
+
+
+def _known(names: Sequence[str], known: Any, what: str) -> Sequence[str]:
+    for name in names:
+        if name not in known:
+            raise SealegsError(f"the model has no {what} '{name}'{nearest(name, known)}.")
+    return names
+
+
+class _NoWorld:
+    """Where there is no simulation: a policy on the machine."""
+
+    simulated = False
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise SealegsError(
+            "an observation uses motion.world, which no machine has: use what its encoders and its IMU measure."
+        )
+
+
+NO_WORLD = cast(World, _NoWorld())
