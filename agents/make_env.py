@@ -39,8 +39,8 @@ def checked_env(env: Mapping[str, Any]) -> dict[str, Any]:
     for key in env:
         if key == "robot" and key not in types:
             raise SealegsError(
-                f"{env['id']} has a robot of its own and takes no robot={env[key]}; env=track and env=reach take any: "
-                f"sealegs train env=track robot={env[key]}."
+                f"{env['id']} has a robot of its own and takes no robot={env[key]}; env=track, env=reach and env=walk "
+                f"take any: sealegs train env=track robot={env[key]}."
             )
         if key not in types:
             raise SealegsError(f"env.{key} is not an argument of {env['id']}{nearest(key, types)}.")

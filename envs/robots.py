@@ -23,8 +23,11 @@ def _robot(name: str) -> Robot:
 
 
 ROBOTS: dict[str, Robot] = {robot.name: robot for robot in map(_robot, ENVIRONMENTS)}
-COLLECTION = {path.stem: path for path in sorted(Path(__file__).parent.glob("*/*.yaml")) if path.stem == path.parent.name}
+_FILES = sorted(Path(__file__).parent.glob("*/*.yaml"))
+COLLECTION = {path.stem: path for path in _FILES if path.stem == path.parent.name}
 """Robots of ours that files alone describe: the YAML of each, by name."""
+NAMES = (*ROBOTS, *COLLECTION)
+"""Of all robots of ours."""
 
 
 def get_robot(name: str | Path) -> Robot:
@@ -37,7 +40,7 @@ def get_robot(name: str | Path) -> Robot:
         RobotError: there is none, the message names the nearest one; or its file is wrong.
     """
     if not isinstance(name, str | Path):
-        raise RobotError(f"a robot is a name or the path of its file, not {name!r}; robots are {', '.join([*ROBOTS, *COLLECTION])}.")
+        raise RobotError(f"a robot is a name or the path of its file, not {name!r}; robots are {', '.join(NAMES)}.")
     if is_robot_file(name):
         return _described(Path(name).absolute(), _changed(Path(name)))
     if name in COLLECTION:
@@ -53,9 +56,9 @@ def get_robot(name: str | Path) -> Robot:
             "robot's file."
         )
     if name not in ROBOTS:
-        known = ", ".join([*ROBOTS, *COLLECTION, *plugins.installed("robots")])
+        known = ", ".join([*NAMES, *plugins.installed("robots")])
         raise RobotError(
-            f"there is no robot '{name}'{nearest(str(name), [*ROBOTS, *COLLECTION])}; robots are {known}, or the path of a robot's "
+            f"there is no robot '{name}'{nearest(str(name), NAMES)}; robots are {known}, or the path of a robot's "
             ".yaml, .xml or .urdf."
         )
     return ROBOTS[str(name)]

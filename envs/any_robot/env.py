@@ -158,7 +158,112 @@ class ReachVectorEnv(BatchVectorEnv, task=ReachTask):
 
 
 class WalkEnv(SingleEnv, task=WalkTask):
-    r"""todo"""
+    r"""
+    ## Description
+    A robot with a free base walks as commanded: forward, sideways, turning, or it stands still. `robot` is a name
+    (`quadruped`) or the file of a robot with a floor under it (`my_dog.yaml`, as `sealegs new-robot` writes it). The
+    robot's forward is the world's x as it starts. Its feet are what touches the floor there.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (k,), float32)`, for k driven joints in the order of the robot's file. An action
+    corrects the stance in which episodes start: with action 0 the robot stands.
+
+    | Num      | Action                   | Min | Max | Correction at 1                    | Type (Unit)                  |
+    |----------|--------------------------|-----|-----|------------------------------------|------------------------------|
+    | 0 to k-1 | Correction of joint goal | -1  | 1   | `correction` x half of its range   | angle (rad), or distance (m) |
+
+    With `cadence` above 0, actions correct a reference gait instead, which needs no learning: feet that are neighbours
+    around the body take turns (a quadruped trots, a hexapod walks on tripods, a biped steps). In half of each cycle a
+    foot is lifted by `lift` and swings ahead, in the other half it goes back on the ground, as fast as the command asks
+    there. The joints follow by the derivatives of the feet in the stance. At command 0 it stands.
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (9 + 4 k,), float32)`, or two more with a gait: what servos and an IMU
+    measure. The speed over the ground is not in it.
+
+    | Num          | Observation   | Source                                                     | Unit              |
+    |--------------|---------------|------------------------------------------------------------|-------------------|
+    | 0 to 2       | command       | forward, sideways, turn                                    | m/s, m/s, rad/s   |
+    | 3 to 5       | gravity       | its direction in the frame of the base                     | -                 |
+    | 6 to 8       | turn rate     | about the axes of the base                                 | rad/s             |
+    | 9 to 8+k     | motor reading | motor encoder of the chain, from the stance                | rad or m          |
+    | 9+k to 8+2k  | motor speed   | difference of the reading over the last control step       | rad/s or m/s      |
+    | 9+2k to 8+3k | last action   | memory                                                     | -                 |
+    | 9+3k to 8+4k | action before | memory                                                     | -                 |
+    | 9+4k, 10+4k  | clock         | sine and cosine of the gait's phase, with `cadence` above 0 | -                |
+
+    ## Rewards
+    The reward is the sum of these terms; `info` holds each, and the flags `net_out_of_range` and `unstable` (see
+    `HopperEnv`). $v$ is the velocity of the base in its heading's frame, $\omega_z$ its turn about the vertical.
+
+    - *reward_tracking*: $w_{tracking} \exp(-|v_{xy} - v_{cmd}|^2 / tolerance^2)$.
+    - *reward_turn*: $w_{turn} \exp(-(\omega_z - \omega_{cmd})^2 / tolerance_{turn}^2)$.
+    - *reward_upright*: $-w_{upright} \sin^2$ of the tilt of the base from the stance.
+    - *reward_sway*: $-w_{sway} ((v_z / tolerance)^2 + (\omega_{xy} / tolerance_{turn})^2)$.
+    - *reward_air_time*: for each foot that lands $w_{air\_time} (\min(t / T, 2) - 1)$, after $t$ in the air, $T$ being
+      `air_time`; 0 at command 0.
+    - *reward_slip*: $-w_{slip}$ for each foot on the ground, times the speed of its sole over `tolerance`, at most 1.
+    - *reward_clearance*: $-w_{clearance}$ for each foot in the air, times the same, times the share of `lift` by which
+      its sole is too low.
+    - *reward_collision*: $-w_{collision}$ for each other body that touches the ground.
+    - *reward_smooth*: $-w_{smooth}$ times the mean squared change of the action.
+    - *reward_duty*: $-w_{duty}$ times the mean squared duty of the drives: a servo that saturates has none left.
+    - *reward_energy*: $-w_{energy} \sum |\tau_j \omega_j|$ of the motors [W].
+    - *reward_stand*: at command 0, $-w_{stand}$ times the mean distance of the joints from the stance over half of their
+      range.
+
+    ## Starting State
+    The robot stands, at rest, with uniform noise of $\pm$ `start_noise` times half of each joint's range. The command is
+    uniform in its ranges; in a share `stand_share` of the episodes it is 0. Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    The base tilts further than `healthy_tilt`, touches the ground, or is lower over its lowest foot than
+    `healthy_height` times its height in the stance; or the simulation is unstable.
+
+    ### Truncation
+    After 1000 steps (20 s).
+
+    ## Arguments
+
+    | Parameter          | Type              | Default       | Description |
+    |--------------------|-------------------|---------------|---------------------------------------------------------------|
+    | `robot`            | str or path       | `'quadruped'` | a name, or the robot's `.yaml`, `.xml` or `.urdf` |
+    | `actuator`         | str, list or dict | `None`        | chain: a name in `configs/actuator`, a path or stages; `None`: the robot's own |
+    | `randomization`    | dict or path      | `None`        | what every episode draws anew, see `envs/engine/randomization.py` |
+    | `params`           | dict              | `None`        | numbers of the robot other than its own, such as `trunk_mass` |
+    | `control_rate`     | float             | `50.0`        | actions per second [Hz] |
+    | `action_delay`     | float             | `0.0`         | from an observation to its goal [s]; a whole number of physics steps |
+    | `forward`          | float or pair     | `(-0.2, 0.3)` | commanded speed, or from which to which [m/s] |
+    | `sideways`         | float or pair     | `(-0.1, 0.1)` | the same to the left [m/s] |
+    | `turn`             | float or pair     | `(-0.6, 0.6)` | the same about the vertical [rad/s] |
+    | `stand_share`      | float             | `0.1`         | see Starting State |
+    | `correction`       | float             | `0.25`        | see Action Space |
+    | `cadence`          | float             | `0.0`         | cycles of the reference gait per second [Hz]; 0: none |
+    | `lift`             | float             | `0.03`        | of a foot, in the reference gait and the reward [m] |
+    | `tolerance`        | float             | `0.15`        | see Rewards [m/s] |
+    | `turn_tolerance`   | float             | `0.5`         | see Rewards [rad/s] |
+    | `tracking_weight`  | float             | `2.0`         | see Rewards |
+    | `turn_weight`      | float             | `1.0`         | see Rewards |
+    | `upright_weight`   | float             | `2.0`         | see Rewards |
+    | `sway_weight`      | float             | `0.1`         | see Rewards |
+    | `air_time_weight`  | float             | `1.0`         | see Rewards |
+    | `air_time`         | float             | `0.2`         | see Rewards [s] |
+    | `slip_weight`      | float             | `0.1`         | see Rewards |
+    | `clearance_weight` | float             | `0.1`         | see Rewards |
+    | `collision_weight` | float             | `0.5`         | see Rewards |
+    | `smooth_weight`    | float             | `0.05`        | see Rewards |
+    | `duty_weight`      | float             | `0.1`         | see Rewards |
+    | `energy_weight`    | float             | `0.002`       | see Rewards [1/W] |
+    | `stand_weight`     | float             | `1.0`         | see Rewards |
+    | `healthy_tilt`     | float             | `0.7`         | see Termination [rad] |
+    | `healthy_height`   | float             | `0.5`         | see Termination |
+    | `start_noise`      | float             | `0.05`        | see Starting State |
+    | `width`, `height`  | int               | `640, 480`    | of the picture [px] |
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
 
 
 class WalkVectorEnv(BatchVectorEnv, task=WalkTask):

@@ -55,7 +55,7 @@ def test_importing_the_library_loads_nothing_heavy() -> None:
         (lambda folder: new_robot.main([str(folder)]), "is a folder; name the model in it"),
         (
             lambda folder: checked_env({"id": "SeaLegs/Bench-v0", "robot": "leg.yaml"}),
-            "env=track and env=reach take any: sealegs train env=track robot=leg.yaml",
+            "env=track, env=reach and env=walk take any: sealegs train env=track robot=leg.yaml",
         ),
     ],
 )

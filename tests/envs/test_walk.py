@@ -1,0 +1,248 @@
+"""Walking as commanded, with any robot whose base is free: what it is worth, how it ends, and what a task sees."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import sealegs
+from gymnasium.utils.env_checker import check_env as check_gymnasium
+from sealegs.actuators import load_chain
+from sealegs.common.errors import SealegsError
+from sealegs.envs.any_robot.reach import ReachTask
+from sealegs.envs.any_robot.walk import WalkTask
+from sealegs.envs.contract import make_contract, random_motion
+from sealegs.envs.engine.batch import BatchEngine
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.envs.engine.task import Motion
+from sealegs.envs.robots import get_robot
+from stable_baselines3.common.env_checker import check_env as check_sb3
+
+WEIGHT = 1.318 * 9.81  # [N] of the quadruped
+FEET = tuple(f"{end}_{side}_shank" for end in ("front", "rear") for side in ("left", "right"))
+GAIT: dict[str, Any] = {"cadence": 2.5, "lift": 0.02, "sideways": 0.0, "turn": 0.0, "stand_share": 0.0}
+
+
+def started(count: int = 1, **arguments: Any) -> BatchEngine:
+    engine = BatchEngine(WalkTask(**arguments), count, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    return engine
+
+
+def run(engine: BatchEngine, steps: int, action: float = 0.0) -> list[Mapping[str, np.ndarray]]:
+    """Terms of the reward of some steps of a constant action."""
+    return [engine.step(np.full((engine.num_envs, 12), action)).terms for _ in range(steps)]
+
+
+def test_it_passes_the_checks_of_gymnasium_and_sb3() -> None:
+    env = sealegs.make_env("walk").unwrapped
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
+        warnings.simplefilter("error", UserWarning)
+        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
+        check_gymnasium(env, skip_render_check=True)
+        check_sb3(env, skip_render_check=True)
+
+
+def test_a_batch_of_it_moves_as_single_ones() -> None:
+    many = BatchVecEnv("SeaLegs/Walk-v0", 3, seed=5, cadence=2.5)
+    singles = [sealegs.make_env("walk", cadence=2.5) for _ in range(3)]
+    np.testing.assert_array_equal(many.reset(), [env.reset(seed=5 + k)[0] for k, env in enumerate(singles)])
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        action = random.uniform(-1.0, 1.0, (3, 12)).astype(np.float32)
+        many.step_async(action)
+        observed, rewards, *_ = many.step_wait()
+        steps = [env.step(action[k]) for k, env in enumerate(singles)]
+        np.testing.assert_array_equal(observed, [step[0] for step in steps])
+        np.testing.assert_array_equal(rewards, np.array([step[1] for step in steps], np.float32))
+
+
+def test_it_stands_on_its_feet_without_an_action_and_the_ground_carries_its_weight() -> None:
+    engine = started(2, start_noise=0.0)
+    run(engine, 50)
+    assert engine.world.touching(FEET).all()
+    np.testing.assert_allclose(engine.world.contact_force(FEET).sum(axis=1)[:, 2], WEIGHT, rtol=0.02)
+    assert not engine.world.touching(["trunk"]).any()
+    assert engine.look(0, mujoco.MjData(engine.drivetrain.model)).ncon >= 4
+
+
+def test_the_reference_gait_follows_the_command_without_learning() -> None:
+    for speed in (0.2, -0.2):
+        engine = started(4, forward=speed, **GAIT)
+        task = engine.task
+        assert isinstance(task, WalkTask)
+        run(engine, 50)
+        seen = []
+        for _ in range(100):
+            run(engine, 1)
+            seen.append(task.velocity(engine.motion(np.zeros((4, 12))))[0][:, 0].copy())
+        np.testing.assert_allclose(np.mean(seen, axis=0), speed, atol=0.05)
+
+
+def test_it_stands_still_where_nothing_is_asked_for() -> None:
+    goals = WalkTask(cadence=2.5).reference(np.linspace(0.0, 1.0, 9), np.zeros((9, 3)), {})
+    assert goals is not None
+    np.testing.assert_allclose(np.ptp(goals[0], axis=0), 0.0)
+    commands = WalkTask(stand_share=1.0).commands(np.random.default_rng(0).random((5, WalkTask.draws)))
+    np.testing.assert_array_equal(commands, np.zeros((5, 3)))
+
+
+def test_walking_as_asked_is_worth_more_than_standing_and_each_fault_costs() -> None:
+    walked, stood = (run(started(4, forward=0.25, **GAIT | {"cadence": rate}), 100) for rate in (2.5, 0.0))
+
+    def mean(terms: list[Mapping[str, np.ndarray]], name: str) -> float:
+        return float(np.mean([term[name] for term in terms[50:]]))
+
+    assert mean(walked, "reward_tracking") > 2.0 * mean(stood, "reward_tracking") > 0.0
+    assert mean(walked, "reward_energy") < mean(stood, "reward_energy") <= 0.0
+    assert mean(walked, "reward_duty") < 0.0 and mean(walked, "reward_slip") < 0.0
+    quick = run(started(4, forward=0.25, **GAIT | {"sideways": 0.2}), 100)
+    assert all(mean(quick, name) <= 0.0 for name in quick[0] if name not in ("reward_tracking", "reward_turn"))
+    shaken = started(1)
+    costs = [shaken.step(np.full((1, 12), sign)).terms["reward_smooth"][0] for sign in (1.0, -1.0, -1.0)]
+    assert costs[1] < 0.0 == costs[2]
+
+
+def test_feet_that_were_long_in_the_air_are_worth_something_when_they_land() -> None:
+    long, short = (
+        [np.concatenate([term["reward_air_time"] for term in run(started(2, forward=0.2, **GAIT | change), 100)])]
+        for change in ({"air_time": 0.1}, {"air_time": 0.4})
+    )
+    assert np.max(long) > 0.0 > np.min(short) and np.max(short) == 0.0
+
+
+@pytest.mark.parametrize(("turned", "ends"), [(0.3, False), (0.9, True), (np.pi, True)])
+def test_an_episode_ends_where_the_base_tilts_too_far(turned: float, ends: bool) -> None:
+    engine = started()
+    qpos = engine.batch.bind("qpos")
+    qpos[:, 2] = 0.5
+    qpos[:, 3:7] = [np.cos(turned / 2.0), np.sin(turned / 2.0), 0.0, 0.0]
+    assert engine.step(np.zeros((1, 12))).terminated[0] == ends
+
+
+def test_an_episode_ends_where_the_body_touches_the_ground() -> None:
+    engine = started(healthy_height=-10.0, healthy_tilt=np.pi)
+    qpos = engine.batch.bind("qpos")
+    qpos[:, 2:7] = [0.1, 0.0, 1.0, 0.0, 0.0]  # on its back, above the ground
+    assert not engine.step(np.zeros((1, 12))).terminated[0]
+    qpos[:, 2] = 0.028
+    assert engine.step(np.zeros((1, 12))).terminated[0]
+
+
+def test_an_episode_ends_where_the_legs_give_way() -> None:
+    task = WalkTask(healthy_height=0.95, correction=1.0)
+    engine = BatchEngine(task, 1, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    crouched = np.tile([0.0, 0.5, -0.8], 4)[None]
+    assert any(engine.step(crouched).terminated[0] for _ in range(50))
+
+
+def test_a_policy_of_it_has_a_contract_and_needs_tilt_and_turn_rate() -> None:
+    robot = get_robot("quadruped")
+    chains = {name: load_chain(chain).to_list() for name, chain in robot.chains.items()}
+    contract = make_contract({"id": "SeaLegs/Walk-v0", "robot": "quadruped", "cadence": 2.5}, chains, 50.0)
+    assert contract.commands == 3 and {"base.roll", "base.pitch"} <= set(contract.sensors)
+    assert not {"base.x", "base.y", "base.z"} & set(contract.sensors)
+
+
+def test_a_robot_that_cannot_walk_is_told_what_it_lacks(tmp_path: Path) -> None:
+    with pytest.raises(SealegsError, match="has no free base, and cannot walk"):
+        sealegs.make_env("walk", robot="bench")
+    flying = tmp_path / "flying.yaml"
+    file = get_robot("quadruped").file
+    assert file is not None
+    text = file.path.read_text().replace("quadruped.xml", str(file.model.path)).replace("height: 0.1647", "height: 1.0")
+    flying.write_text(text)
+    with pytest.raises(SealegsError, match="has no two feet on its floor where episodes start"):
+        sealegs.make_env("walk", robot=str(flying))
+
+
+# --- what a task sees of the world ----------------------------------------------------------------------------------
+
+
+PUCK = """<mujoco><default><geom contype="0" conaffinity="1"/></default><worldbody>
+<body name="puck" pos="0 0 0.1"><freejoint/><geom size="0.1" mass="1"/><site name="rim" pos="0.1 0 0"/>
+<body name="wing" pos="0 0 0.1"><joint name="flap" axis="0 1 0" range="-1 1"/>
+<geom size="0.02 0.02" mass="0.1" pos="0 0 0.1"/></body></body></worldbody>
+<actuator><position joint="flap" kp="1" kv="0.1"/></actuator>
+<sensor><gyro name="turn" site="rim"/><framepos name="place" objtype="site" objname="rim"/></sensor></mujoco>"""
+
+
+@dataclass(frozen=True)
+class Watcher(ReachTask):
+    """Sees all that there is."""
+
+    sees = ("ground", "contacts", "bodies", "sites", "sensors")
+
+
+@pytest.fixture
+def watched(tmp_path: Path) -> BatchEngine:
+    (tmp_path / "puck.xml").write_text(PUCK)
+    (tmp_path / "puck.yaml").write_text("model: puck.xml\nfloor: {friction: 0.5}\njoints: {flap: {}}\n")
+    engine = BatchEngine(Watcher.on(tmp_path / "puck.yaml")(start_noise=0.0), 3, autoreset=False)
+    engine.reset()
+    return engine
+
+
+def test_a_floor_carries_a_robot_whatever_the_defaults_of_its_file_touch(watched: BatchEngine) -> None:
+    """A robot whose shapes touch the ground and not one another fell through the floor of its YAML."""
+    watched.batch.step(nstep=400)
+    np.testing.assert_allclose(watched.world.position("puck")[:, 2], 0.1, atol=2e-3)
+    np.testing.assert_allclose(watched.world.contact_force(["puck"])[:, 0, 2], 1.1 * 9.81, rtol=1e-3)
+    assert watched.world.touching(["puck"]).all() and not watched.world.touching(["wing"], "contacts").any()
+
+
+def test_poses_speeds_and_sensors_are_of_each_simulation(watched: BatchEngine) -> None:
+    qpos, qvel, world = watched.batch.bind("qpos"), watched.batch.bind("qvel"), watched.world
+    qpos[:, 2], qvel[:, :3], qvel[:, 5] = [1.0, 2.0, 3.0], [0.5, 0.0, 0.0], [0.0, 1.0, 2.0]
+    watched.batch.forward()
+    np.testing.assert_allclose(world.site_position("rim"), [[0.1, 0.0, k] for k in (1.0, 2.0, 3.0)])
+    np.testing.assert_allclose(world.sensor("place"), world.site_position("rim"))
+    np.testing.assert_allclose(world.sensor("turn"), [[0.0, 0.0, rate] for rate in (0.0, 1.0, 2.0)], atol=1e-9)
+    np.testing.assert_allclose(world.turn_rate("puck"), world.sensor("turn"), atol=1e-9)
+    moved = world.velocity("puck", (0.1, 0.0, 0.0))
+    np.testing.assert_allclose(moved, [[0.5, 0.1 * rate, 0.0] for rate in (0.0, 1.0, 2.0)], atol=1e-9)
+    np.testing.assert_allclose(world.rotation("puck"), np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
+
+
+def test_time_in_the_air_counts_until_a_body_lands(watched: BatchEngine) -> None:
+    watched.batch.bind("qpos")[:, 2] = 0.3
+    action, landed = np.zeros((3, 1)), []
+    for step in range(30):
+        watched.step(action)
+        landed.append(watched.world.landed(["puck"])[0, 0])
+        assert watched.world.touching(["puck"])[0, 0] or watched.world.air_time(["puck"])[0, 0] > step * watched.dt
+    fall = np.sqrt(2.0 * 0.2 / 9.81)
+    assert np.count_nonzero(landed) >= 1 and next(t for t in landed if t) == pytest.approx(fall, abs=1.5 * watched.dt)
+
+
+def test_what_a_task_does_not_see_and_what_is_not_there_is_told(watched: BatchEngine) -> None:
+    with pytest.raises(SealegsError, match="has no body 'pluck'"):
+        watched.world.position("pluck")
+    with pytest.raises(SealegsError, match="the task does not see sensors"):
+        started().world.sensor("turn")
+    kind = type("Blind", (ReachTask,), {"sees": ("grund",)})
+    with pytest.raises(SealegsError, match="'grund' is none of them"):
+        BatchEngine(kind.on("bench")(), 1)
+
+
+def test_an_observation_of_the_world_is_no_observation_of_a_machine() -> None:
+    class Seer(ReachTask):
+        sees = ("bodies",)
+
+        def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
+            return (motion.world.position("trunk"), *super().observe(motion))
+
+    task = Seer.on("quadruped")()
+    numbers = task.robot.parameters()
+    with pytest.raises(SealegsError, match="which no machine has"):
+        task.observe(random_motion(task, numbers, np.random.default_rng(0), 2))
