@@ -163,7 +163,7 @@ class WalkTask(AnyRobotTask):
         m = motion
         up = -self._gravity(m) @ self.stance.up
         change = m.action - m.previous_action
-        still = ~m.command.any(axis=1)
+        still = (m.command == 0.0).all(axis=1)
         away = np.abs((m.reading - self.centre) / self.half).mean(axis=1)
         power = np.abs(m.torque * m.motor_speed).sum(axis=1)
         terms = {
