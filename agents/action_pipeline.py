@@ -62,8 +62,9 @@ class ActionPipeline:
         known = {"time": time, "memory": self._memory, "action": self._action, "previous_action": self._previous}
         parts = []
         for values in (1.0, 2.0):
-            fields = {name: values * getattr(m, name) for name in type(m).__slots__ if name not in ("numbers", "world")}
-            motion = type(m)(**{**fields, **known, "command": self.command, "numbers": self._numbers})
+            given = {name: getattr(m, name) for name in type(m).__slots__}
+            fields = {name: values * value if isinstance(value, np.ndarray) else value for name, value in given.items()}
+            motion = type(m)(**{**fields, **known, "command": self.command})
             with np.errstate(invalid="ignore"):
                 seen = task_parts(self._task.observe(motion))
             parts.append(seen)

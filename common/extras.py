@@ -13,6 +13,7 @@ EXTRAS = {
     "video": ("moviepy",),
     "hw": ("onnxruntime", "scservo_sdk", "serial"),
     "dynamixel": ("dynamixel_sdk",),
+    "imu": ("adafruit_bno055", "adafruit_bno08x", "adafruit_extended_bus", "adafruit_icm20x", "adafruit_mpu6050"),
     "fleet": ("ray",),
     "hdf5": ("h5py", "pymatreader"),
     "ros": ("rosbags",),

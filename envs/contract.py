@@ -320,6 +320,7 @@ def random_motion(task: Task, numbers: Mapping[str, float], random: np.random.Ge
         reading_speed=draw(k), torque=draw(k), motor_speed=draw(k), action=draw(actions),
         previous_action=draw(actions), command=draw(task.commands(np.zeros((1, task.draws))).shape[1]), time=draw(),
         numbers=numbers, memory=draw(memory), power=draw(), qpos_rate=draw(layout.nq),
+        base=layout.base,
     )  # fmt: skip
 
 

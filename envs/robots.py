@@ -8,10 +8,11 @@ import logging
 from pathlib import Path
 
 from ..common import plugins
-from ..common.errors import nearest
+from ..common.errors import SealegsError, nearest
 from . import ENVIRONMENTS
 from .described.as_robot import as_robot
 from .described.robot_file import is_robot_file, load_robot_file
+from .described.robot_imu import with_imu
 from .engine.numbers import RobotError
 from .engine.robot import Robot
 
@@ -70,7 +71,10 @@ def _described(path: Path, changed: tuple[int, ...]) -> Robot:
     file = load_robot_file(path)
     for sentence in file.said:
         LOGGER.warning("%s", sentence)
-    return as_robot(file)
+    try:
+        return with_imu(as_robot(file), file.imu)
+    except SealegsError as error:
+        raise RobotError(f"{path}: {error}") from None
 
 
 def _changed(path: Path) -> tuple[int, ...]:

@@ -103,6 +103,7 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         floor=floor,
         height=entry.height,
         exclude=_excluded(path, model, entry),
+        imu=entry.imu,
     )
     if entry.timestep is None:
         robot, why = settled(robot, entry.integrator)

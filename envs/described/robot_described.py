@@ -121,6 +121,7 @@ class RobotFile:
         floor: that is added to the model; None: there is what the model has.
         height: of a free base at the start of an episode [m]; None: the keyframe's, or the model's.
         exclude: pairs of bodies that never touch.
+        imu: what the YAML says of an IMU on its free base; None: it has none.
         timestep: of the simulation [s].
         integrator: of the engine.
         deploy: what deployment needs beyond joints: servo, sensors, rest, park, safety.
@@ -139,6 +140,7 @@ class RobotFile:
     floor: FloorEntry | None = None
     height: float | None = None
     exclude: tuple[tuple[str, str], ...] = ()
+    imu: Mapping[str, Any] | None = None
 
     @property
     def coupled(self) -> dict[str, str]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ...configs.check import NotNegative, Positive
+
 YAML_SUFFIXES = (".yaml", ".yml")
 Owner = Literal["chain", "file"]
 """Whose number counts: the chain's, or the model file's."""
@@ -69,6 +71,35 @@ class FloorEntry:
 
 
 @dataclass(frozen=True)
+class ImuEntry:
+    """An IMU on the robot's free base; numbers that are left out are assumed.
+
+    Attributes:
+        site: of the model where it sits, whose axes are its own; None: on ``body``.
+        body: of the model that it sits on, which no joint moves against the base; None: the base itself.
+        rotation: of its axes against those of site or body: roll, pitch, yaw [rad].
+        rate: samples per second [Hz].
+        delay: from the motion to the sample at the computer [s].
+        noise: of each sample, standard deviation about each axis: ``orientation`` [rad], ``turn_rate`` [rad/s].
+        bias: of each IMU, likewise.
+        fallen: tilt from where the robot starts, at which a run ends [rad]; None: none.
+        silent: time without a sample at which a run ends [s], and two cycles at least.
+        part: how a computer reads it: ``name`` and what that needs, such as ``port``.
+    """
+
+    site: str | None = None
+    body: str | None = None
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rate: Positive = 100.0
+    delay: NotNegative = 0.01
+    noise: dict[str, Any] = field(default_factory=dict)
+    bias: dict[str, Any] = field(default_factory=dict)
+    fallen: Positive | None = 1.0
+    silent: Positive = 0.1
+    part: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class FileEntry:
     """What the YAML says of the robot.
 
@@ -82,6 +113,7 @@ class FileEntry:
         exclude: pairs of bodies that never touch, such as shapes of a file that lie within each other.
         timestep: of the simulation [s]; None: 2 ms, the model's where it is shorter, or what is stable.
         integrator: of the engine; None: RK4, or what is stable.
+        imu: on its free base; see :class:`ImuEntry`.
         deploy: what ``configs/robot`` holds of built-in robots: servo, sensors, rest, park, safety.
     """
 
@@ -94,4 +126,5 @@ class FileEntry:
     exclude: list[list[str]] = field(default_factory=list)
     timestep: float | None = None
     integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] | None = None
+    imu: dict[str, Any] | None = None
     deploy: dict[str, Any] = field(default_factory=dict)

@@ -26,6 +26,8 @@ class BaseLayout:
         joints: numbers of the joints.
         names: of all quantities.
         units: rad or m, by name.
+        base_name: of the first free joint, which carries the robot; "": the base is fixed.
+        base: where that joint begins in ``qpos`` and ``qvel``; None: the base is fixed.
         nq, nv: sizes of ``qpos`` and ``qvel``, of the robot without what chains add behind.
     """
 
@@ -63,6 +65,15 @@ class BaseLayout:
                 self._scalars[name] = place
                 self.units[name] = "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
         self.names = tuple(self.units)
+        self.base_name = next(iter(self._free), "")
+        self.base = self._free.get(self.base_name)
+
+    def base_in(self, model: mujoco.MjModel) -> tuple[int, int] | None:
+        """:attr:`base` in ``model``, the robot with chains."""
+        if not self.base_name:
+            return None
+        joint = self._joint(model, self.base_name)
+        return int(joint.qposadr[0]), int(joint.dofadr[0])
 
     def qpos(self, values: Mapping[str, float | np.ndarray], rows: int = 1) -> np.ndarray:
         """Positions (rows, nq) from quantities by name; NaN where a joint is not measured, or not all of it."""

@@ -7,7 +7,7 @@ seed s draws from the generator of seed s + i. So it is bit-equal to a batch of 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -18,6 +18,8 @@ from ...actuators.engine import install
 from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
 from .at_once import BreaksAtOnce
+from .base import BaseLayout
+from .imu import ImuHistory
 from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
 from .randomization import Randomization, Source
@@ -128,6 +130,10 @@ class BatchEngine:
         self._warnings = self.batch.warning[:, int(mujoco.mjtWarning.mjWARN_BADQPOS) :, 1]
         self._programs: np.ndarray | None = None
         self._followers = in_turn(model)
+        self._base = BaseLayout.of_model(model, range(model.njnt)).base
+        self._imu: ImuHistory | None = None
+        if task.robot.imu is not None and self._base is not None:
+            self._imu = ImuHistory(task.robot.imu, num_envs, self._base, self.substeps, model.opt.timestep)
         names = [item.name for item in self.drivetrain.coordinates]
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
@@ -189,13 +195,14 @@ class BatchEngine:
 
     def _start(self, chosen: np.ndarray) -> None:
         task_draws, draws = self.task.draws, self.task.draws + len(self.randomization.draws)
-        random = np.empty((len(chosen), draws))
+        drawn = draws + (self._imu is not None)
+        random = np.empty((len(chosen), drawn))
         for row, number in enumerate(chosen):
-            random[row] = self.generators[number].random(draws)
+            random[row] = self.generators[number].random(drawn)
         install()  # a library may have taken the callback's place since
         self.batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         for name, values in self.randomization.apply(
-            self.drivetrain, self.batch, chosen, random[:, task_draws:]
+            self.drivetrain, self.batch, chosen, random[:, task_draws:draws]
         ).items():
             self.drawn[name][chosen] = values
         self._programs = self.batch.expanded("actuator_user")
@@ -204,6 +211,8 @@ class BatchEngine:
         place_followers(self.drivetrain.model, self._followers, qpos)
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
+        if self._imu is not None:
+            self._imu.begin(chosen, random[:, draws], self._qpos, self._qvel)
         self.batch.forward(chosen)  # the chains' memories start at these goals
         self.steps[chosen] = 0
         self.world.start(chosen)
@@ -237,10 +246,10 @@ class BatchEngine:
         else:
             goals = self._goals(action)
             if self._late:
-                self.batch.step(nstep=self._late)
+                self.simulate(self._late)
             self._ctrl[:] = goals
             self.watch()
-            self.batch.step(nstep=self.substeps - self._late)
+            self.simulate(self.substeps - self._late)
         self._action = action
         self.steps += 1
         self.world.advance(self.dt)
@@ -276,6 +285,13 @@ class BatchEngine:
             done=done,
             final_observation=final,
         )
+
+    def simulate(self, steps: int) -> None:
+        """Let so many steps of the simulation pass, with the goals as they are."""
+        if self._imu is None:
+            self.batch.step(nstep=steps)
+        else:
+            self._imu.carry(lambda part: self.batch.step(nstep=part), steps, self._qpos, self._qvel)
 
     def _goals(self, action: np.ndarray) -> np.ndarray:
         zero, per_action = self._scale()
@@ -319,6 +335,7 @@ class BatchEngine:
             numbers=self.numbers,
             duty=self._userdata[:, self._duties],
             world=self.world,
+            base=self._base,
             **(self._generated.motion() if self._generated is not None else {}),
         )
 
@@ -329,6 +346,9 @@ class BatchEngine:
         return np.stack(columns, axis=1)
 
     def _observation(self, motion: Motion) -> np.ndarray:
+        if self._imu is not None:
+            qpos, qvel = self._imu.seen(motion.time, motion.qpos, motion.qvel)
+            motion = replace(motion, qpos=qpos, qvel=qvel)
         parts = self.task.observe(motion)
         if not self._sound:
             check_observation(self.task, parts, self.num_envs, self.observation_size)
@@ -374,11 +394,11 @@ class _Generated:
         for _ in range(self.goals_per_step):
             goals = task.generate(engine.numbers, action, engine._command, self._memory)
             if engine._late:  # goals before it hold; power is sampled where it was
-                engine.batch.step(nstep=engine._late)
+                engine.simulate(engine._late)
             engine._ctrl[:] = np.clip(goals, *engine._limits)
             engine.watch()
             for sample in range(self._samples):
-                engine.batch.step(nstep=self.substeps - (engine._late if sample == 0 else 0))
+                engine.simulate(self.substeps - (engine._late if sample == 0 else 0))
                 torque, speed = engine._userdata[:, engine._torques], engine._motor.speed(engine._qvel)
                 total += task.power(engine.numbers, torque, speed)
         self._power = total / (self.goals_per_step * self._samples)

@@ -14,6 +14,7 @@ import mujoco
 
 from ...actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_chain_set
 from ...common.errors import nearest
+from .imu import Imu
 from .model_poses import Pose
 from .numbers import Effect, Number, RobotError
 
@@ -49,6 +50,7 @@ class Robot:
             model has them.
         units: of coordinates that are no angles.
         file: that describes it; None for the robots that Python builds.
+        imu: on its free base; None: it has none.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Robot:
     pose: Pose = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     file: RobotFile | None = None
+    imu: Imu | None = None
 
     def unit(self, coordinate: str) -> str:
         """Of the position of a coordinate: rad, or m of a slide."""

@@ -13,6 +13,7 @@ import numpy as np
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from .robot import Robot
+from .turns import down
 from .world import NO_WORLD, World
 
 
@@ -39,6 +40,10 @@ class Motion:
         qpos_rate: mean rate of the true positions over the control step (n, nq), likewise.
         duty: share of the supply that the drive gives the motor, -1 to 1 (n, k); 0 of chains without one.
         world: contacts, bodies, sites and sensors, of those words that the task has in ``sees``; not for observations.
+        base: where the free joint that carries the robot begins in ``qpos`` and ``qvel``; None: the base is fixed.
+
+    What a task observes of the turn of the base (``qpos``, ``qvel``, ``gravity``, ``turn_rate``, ``orientation``) is as
+    the robot's IMU measures it, where it has one; rewards and failures are judged by the truth.
     """
 
     qpos: np.ndarray
@@ -59,6 +64,29 @@ class Motion:
     qpos_rate: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     duty: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     world: World = NO_WORLD
+    base: tuple[int, int] | None = None
+
+    @property
+    def orientation(self) -> np.ndarray:
+        """Of the base in the world, a quaternion, w first (n, 4)."""
+        at = self._base()[0]
+        return self.qpos[:, at + 3 : at + 7]
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Direction of gravity in the axes of the base (n, 3): (0, 0, -1) where it stands upright."""
+        return down(self.orientation)
+
+    @property
+    def turn_rate(self) -> np.ndarray:
+        """Of the base about its own axes (n, 3) [rad/s]."""
+        at = self._base()[1]
+        return self.qvel[:, at + 3 : at + 6]
+
+    def _base(self) -> tuple[int, int]:
+        if self.base is None:
+            raise SealegsError("the robot's base is fixed: gravity, turn_rate and orientation are of a free one.")
+        return self.base
 
 
 def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:

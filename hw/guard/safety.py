@@ -52,6 +52,7 @@ class Safety:
         cut: cycles whose goals were cut so far, by reason.
         noted: limits that were passed and only noted, since the caller last emptied the list.
         lost: share of lost replies of each servo, by id.
+        imu_problem: why the IMU says nothing, as far as it is known; "": nothing is wrong.
     """
 
     def __init__(self, robot: ServoRobot, limits: Limits, period: float) -> None:
@@ -76,6 +77,7 @@ class Safety:
         self._wanted: np.ndarray | None = None
         self._over: set[tuple[str, int]] = set()
         self._read_at = self._asked_at = math.nan
+        self.imu_problem = ""
 
     def _check_reach(self) -> None:
         """Refuse limits so far that they would never stop a joint; one that a person puts out of the way may pass."""
@@ -231,6 +233,26 @@ class Safety:
                 said = text + CHANGED.get(name, f" (robot.safety.{name})")
                 said = said.format(*(abs(v) if name == "voltage" else v for v in both), self._robot.units[bad[0]])
                 return Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
+        return self._of_base(reading)
+
+    def _of_base(self, reading: Reading) -> Fault | None:
+        """Whether the robot has fallen, or its IMU says nothing any more."""
+        imu = self._robot.imu
+        if imu is None:
+            return None
+        longest = max(imu.silent, 2.0 * self._period, 2.0 / imu.rate + imu.delay)
+        why = f": {self.imu_problem}" if self.imu_problem else ""
+        if reading.imu is None:
+            return Fault("imu", f"the IMU has given no sample{why}.")
+        if (silent := reading.after - reading.imu.time) > longest:
+            text = f"the IMU gave no sample for {1e3 * silent:.0f} ms; {1e3 * longest:.0f} ms are tolerated"
+            return Fault("imu", f"{text} (imu.silent){why}.")
+        tilt = float(imu.tilt(reading.imu.orientation))
+        if imu.fallen is not None and not tilt <= imu.fallen:  # a tilt that is no number is beyond every limit
+            text = (
+                f"the robot has fallen: it leans by {tilt:.2f} rad, and {imu.fallen:g} rad are tolerated (imu.fallen)"
+            )
+            return Fault("fallen", f"{text}.")
         return None
 
     def _counted(self, reading: Reading, dt: float) -> Fault | None:

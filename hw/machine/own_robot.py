@@ -10,6 +10,7 @@ from ...common.documents import read_yaml
 from ...common.errors import SealegsError, nearest
 from ...configs.check import checked
 from ...configs.compose import FOLDER
+from ...envs.described.robot_entries import ImuEntry
 from ...envs.engine.numbers import RobotError
 from ...envs.robots import get_robot
 from .assumed_limits import ASSUMED, assumed_limits
@@ -51,7 +52,21 @@ def own_robot(word: str) -> dict[str, Any]:
                 f"{path}: deploy.safety.{key} is unknown{hint}; there are {', '.join(config['safety'])}."
             )
     tables = _beside(path, given)
-    return {**config, **given, **tables, "name": str(path), "params": {}, "actuator": None, "safety": limits}
+    imu = robot.file.imu or {}
+    if imu:
+        spreads = {key: {**vars(getattr(robot.imu, key))} for key in ("noise", "bias")}
+        imu = {**vars(ImuEntry()), **imu, **spreads}  # each key may be another on the command line
+        imu = {key: list(value) if isinstance(value, tuple) else value for key, value in imu.items()}
+    return {
+        **config,
+        **given,
+        **tables,
+        "imu": imu,
+        "name": str(path),
+        "params": {},
+        "actuator": None,
+        "safety": limits,
+    }
 
 
 def _beside(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:

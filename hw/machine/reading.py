@@ -10,6 +10,23 @@ from ..bus.servo_state import ServoState
 
 
 @dataclass(frozen=True)
+class BaseTurn:
+    """How the base of a robot turns.
+
+    Attributes:
+        time: clock of the host as the sample came [s].
+        orientation: of the base in a world whose z axis points up, a quaternion, w first (4,).
+        turn_rate: about the axes of the base (3,) [rad/s].
+        fresh: whether the reading before had an older sample.
+    """
+
+    time: float
+    orientation: np.ndarray
+    turn_rate: np.ndarray
+    fresh: bool = True
+
+
+@dataclass(frozen=True)
 class Reading:
     """One reading of all joints, in the order of the robot.
 
@@ -25,6 +42,7 @@ class Reading:
         link: position on the far side of a series spring (k,) [rad]; where nothing measures it, ``position``.
         base_position, base_velocity: of the robot's base, as far as it is measured (b,) [m or rad], per second.
         state: as the bus gave it; None in simulation.
+        imu: how the base turns, as its IMU says; None: it has none, or that has said nothing yet.
         taken: when each servo and sensor of the robot was read last (n,) [s], before ``time`` where a reply is missing;
             None: all of them at ``time``.
     """
@@ -42,6 +60,7 @@ class Reading:
     base_velocity: np.ndarray
     state: ServoState | None
     taken: np.ndarray | None = None
+    imu: BaseTurn | None = None
 
     @property
     def time(self) -> float:

@@ -12,11 +12,14 @@ import numpy as np
 from ...actuators import Chain, load_chain
 from ...configs.check import checked
 from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
+from ...envs.described.robot_imu import with_imu
 from ...envs.engine.base import BaseLayout
+from ...envs.engine.imu import COLUMNS, GIVES
 from ...envs.engine.position_goals import check_position_goals, torque_driven
 from ...envs.engine.robot import Robot
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
+from ..bus.imu import ImuSample
 from ..bus.registers import ServoModel, load_model
 from ..bus.servo_state import ServoState
 from .calibration_file import read_joints
@@ -32,7 +35,7 @@ from .joints import (
     read_sensors,
     table,
 )
-from .reading import Reading
+from .reading import BaseTurn, Reading
 
 
 class ServoRobot:
@@ -55,6 +58,8 @@ class ServoRobot:
         low, high: range of each joint (k,) [rad or m].
         resolution: how far what a servo of ``all_ids`` measures goes in a step of its encoder [rad or m].
         units: of the joints, rad or m.
+        imu: on its free base; None: it has none.
+        log_base: columns ``base.*`` of its logs.
         lines: buses that its servos are on, the first one first.
     """
 
@@ -106,16 +111,19 @@ class ServoRobot:
         self._signs = np.array([float(joint.direction) for joint in self.joints])
         units = BaseLayout(robot, self.params).units
         self.units = [units[item.terms[0][0]] for item in robot.coordinates]
+        self.imu = robot.imu
+        self.log_base = [*self.base_names, *(COLUMNS if robot.imu is not None else ())]
 
     # --- units -------------------------------------------------------------------------------------------------
 
-    def reading(self, state: ServoState, last: Reading | None = None) -> Reading:
+    def reading(self, state: ServoState, last: Reading | None = None, sample: ImuSample | None = None) -> Reading:
         """What the bus read of ``all_ids``, as angles of the joints.
 
         Args:
             state: as read.
             last: the reading before; turns are counted on from it. Speeds of the base are differences between two
                 times that it was read, and stay as they are where a reply is missing.
+            sample: the newest of the IMU; None: there is none.
         """
         k, now = len(self.joints), 0.5 * (state.before + state.after)
         before = np.full(len(self.all_ids), now if last is None else last.time)
@@ -144,7 +152,14 @@ class ServoRobot:
             base_velocity=speed,
             state=state,
             taken=taken,
+            imu=self._base_turn(sample, None if last is None else last.imu),
         )
+
+    def _base_turn(self, sample: ImuSample | None, last: BaseTurn | None) -> BaseTurn | None:
+        if self.imu is None or sample is None:
+            return None
+        fresh = last is None or sample.time > last.time
+        return BaseTurn(sample.time, *self.imu.of_base(sample.orientation, sample.turn_rate), fresh)
 
     def fresh(self, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which joints (k,), far sides of springs (k,) and quantities of the base (b,) were read at its time."""
@@ -221,11 +236,11 @@ class ServoRobot:
             lower = ", ".join(f"{kept:g}" for kept in contract.rates[1:])
             remedy = "leave rate= out" + (f", or give one of {lower}" if lower else "")
             refuse(field, f"{contract.goal_rate:g} Hz", f"{rate:g} Hz", remedy)
-        mounted = [sensor.name for sensor in self.sensors]
+        mounted = [*(sensor.name for sensor in self.sensors), *(self.imu.gives if self.imu is not None else ())]
         if missing := [name for name in contract.sensors if name not in mounted]:
             raise ContractError(
                 f"the policy does not fit the robot: it needs the sensors {', '.join(missing)}, which the robot lacks; "
-                f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}}."
+                f"{self._mending(missing)}."
             )
         for joint, unit in zip(self.joints, self.units, strict=True):
             low, high = contract.goal_limits[joint.name]
@@ -245,6 +260,16 @@ class ServoRobot:
                 f"{here}; say which chain these servos are taken for by actuator=<name or path>."
             )
 
+    def _mending(self, missing: Sequence[str]) -> str:
+        """What gives the robot the sensors that it lacks."""
+        turns = [name for name in missing if name.rpartition(".")[2] in GIVES]
+        others = [name for name in missing if name not in turns]
+        encoders = f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}}"
+        if not turns or self.imu is not None:
+            return encoders
+        said = f"an IMU gives {', '.join(turns)}: name it in its file, such as imu: {{rate: 100}}"
+        return said if not others else f"{said}; the others are encoders: name them under sensors"
+
     def _different_numbers(self, contract: Contract) -> str:
         params = contract.env.get("params") or {}
         ours, theirs, numbers = self.robot.parameters(self.params), self.robot.parameters(params), self.robot.numbers
@@ -259,7 +284,7 @@ def build_robot(
     """The robot of a ``configs/robot`` file.
 
     Args:
-        config: ``name``, ``params``, ``servo``, ``actuator``, ``gears``, ``sensors``, ``buses``.
+        config: ``name``, ``params``, ``servo``, ``actuator``, ``gears``, ``sensors``, ``buses``, ``imu``.
         actuator: chain that the servos are taken for, in place of the file's.
         calibration: file; None: a machine built as drawn.
         port: path of the first bus, for what a person is to type; None: not known.
@@ -268,6 +293,7 @@ def build_robot(
         SealegsError: an unknown robot, servo or chain, or a calibration that does not fit.
     """
     robot, servo = get_robot(config["name"]), load_model(config["servo"])
+    robot = with_imu(robot, table(config, "imu") or None)
     params = {str(key): value for key, value in table(config, "params").items()}
     belief = actuator if actuator is not None else config.get("actuator")
     gears = checked_gears(table(config, "gears"), robot)

@@ -15,6 +15,8 @@ from ...common.errors import SealegsError
 from ...configs.check import Count, checked
 from ..bus.adapters import Whereabouts
 from ..bus.buses import BusGroup
+from ..bus.imu import ImuSource
+from ..bus.imu_chips import checked_part, open_imu
 from ..bus.interface import Bus
 from ..bus.packets import ConfigurationError
 from ..bus.port import BusPort
@@ -45,11 +47,13 @@ class Opened:
     Attributes:
         ports: their paths, by name of the bus.
         let_go: takes away the hand that holds a virtual machine; does nothing on a real one.
+        imu: opens the robot's IMU; None: it has none.
         within: in stepped time the ports to servos in this process, which end with it, whatever ends it; empty: none.
     """
 
     ports: Mapping[str, str]
     let_go: Callable[[], None] = lambda: None
+    imu: Callable[[], ImuSource] | None = None
     within: Mapping[str, BusPort] = field(default_factory=dict)
 
 
@@ -81,7 +85,11 @@ def opened_port(
             if path is None:
                 key = f"robot.buses.{name}.port" if name else "port"
                 raise SealegsError(f"{key}=<path> is missing: name the adapter's port, such as {key}=/dev/ttyUSB0.")
-        yield Opened({name: str(path) for name, path in ports.items()})
+        imu = None
+        if robot.imu is not None:
+            checked_part(robot.imu.part)
+            imu = partial(open_imu, robot.imu.part, robot.imu.rate)
+        yield Opened({name: str(path) for name, path in ports.items()}, imu=imu)
         return
     if port is not None:
         raise SealegsError(
@@ -89,6 +97,7 @@ def opened_port(
         )
     from ...configs.compose import compose, split
     from ..virtual import VirtualBus
+    from ..virtual.imu import FetchedImu
     from ..virtual.in_process import PLAIN, ports_of
     from ..virtual.launcher import words
 
@@ -115,6 +124,8 @@ def opened_port(
     }
     if robot.sensors:
         known["sensors"] = {sensor.name: abs(sensor.per_radian) for sensor in robot.sensors}
+    if robot.imu is not None:
+        known["imu"] = dict(robot.imu.said)
     if truth is not None:
         known["actuator"] = truth
     known |= hw["virtual"]
@@ -124,10 +135,30 @@ def opened_port(
         rig = ports[""].wire.rig
         used = {line.name: ports[line.name] for line in robot.lines}
         paths = {name: port.port_name for name, port in used.items()}
-        yield Opened(paths, partial(setattr, rig, "held", None), used)
+        there = rig.machine.imu
+        imu = None if there is None else partial(FetchedImu, there, ports[""].now)
+        yield Opened(paths, partial(setattr, rig, "held", None), imu, used)
         return
     with VirtualBus(**known) as bus:
-        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go)
+        imu = None
+        if robot.imu is not None:
+            imu = partial(open_imu, {"name": "serial", "port": bus.imu_port}, robot.imu.rate)
+        yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go, imu)
+
+
+@contextlib.contextmanager
+def opened_imu(opened: Opened) -> Iterator[ImuSource | None]:
+    """The IMU, read from now on; None: the robot has none.
+
+    Raises:
+        SealegsError: it cannot be read.
+    """
+    source = None if opened.imu is None else opened.imu()
+    try:
+        yield source
+    finally:
+        if source is not None:
+            source.close()
 
 
 def check_joint(bus: ServoBus, joint: Joint) -> None:

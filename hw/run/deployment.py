@@ -22,6 +22,7 @@ from ...envs.bench.robot import BENCH
 from ...envs.robots import get_robot
 from ..bus.adapters import advice
 from ..bus.clock import HIGHEST_RATE, LOWEST_RATE
+from ..bus.imu import ImuSource
 from ..bus.interface import Bus
 from ..guard.deadman import PATIENCE, keyboard, pressed_key
 from ..guard.emergency import REASON as EMERGENCY
@@ -33,7 +34,7 @@ from ..machine.newest_calibration import newest
 from ..machine.robot import ServoRobot, build_robot, extended_robot
 from ..machine.unlike import unlike_the_factory, unlike_the_file
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
-from .connection import Opened, charge_of, checked_hw, opened_bus, opened_port
+from .connection import Opened, charge_of, checked_hw, opened_bus, opened_imu, opened_port
 from .excitation import library_excitation
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
@@ -181,20 +182,20 @@ def run(deployment: Deployment, say: Callable[[str], None] = print) -> Run | Non
     opened = opened_port(config["hw"], config["port"], robot, truth, params, pose)
     with stop.on_signals(), opened as found:
         bus = opened_bus(config["hw"], found.within or found.ports, robot, 1.0 / deployment.rate)
-        with contextlib.closing(bus):
+        with contextlib.closing(bus), opened_imu(found) as imu:
             if config["dry_run"]:
-                dry_run(deployment, bus, say)
+                dry_run(deployment, bus, say, imu)
                 return None
-            return _guarded(deployment, bus, found, stop, say)
+            return _guarded(deployment, bus, found, stop, say, imu)
 
 
-def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None]) -> None:
+def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None], imu: ImuSource | None = None) -> None:
     """Print the goals of the first cycles, computed from what the servos report, torque off throughout."""
     robot, period = deployment.robot, 1.0 / deployment.rate
     for error in bus.torque_off(robot.ids).values():
         raise error
     safety = Safety(robot, deployment.limits, period)
-    pace = measured(bus, robot, deployment.commands, period)
+    pace = measured(bus, robot, deployment.commands, period, imu)
     if not bus.clock.simulated:  # on which a policy takes no time
         say(pace.too_slow(period) or pace.sentence())
     say(f"Dry run at {deployment.rate:g} Hz, no torque. Goals:")
@@ -202,7 +203,7 @@ def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None]) -> Non
     say("  time [s]  " + "  ".join(f"{name:>18}" for name in named))
     last: np.ndarray | None = None
     for cycle in range(DRY_CYCLES):
-        reading = robot.reading(bus.read_state(robot.all_ids))
+        reading = robot.reading(bus.read_state(robot.all_ids), sample=None if imu is None else imu.latest())
         if (fault := safety.judge(reading)) is not None:
             say(f"  safety would stop here: {fault.sentence}")
             return
@@ -218,7 +219,14 @@ def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None]) -> Non
         last = admitted
 
 
-def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: Callable[[str], None]) -> Run:
+def _guarded(
+    deployment: Deployment,
+    bus: Bus,
+    opened: Opened,
+    stop: Stop,
+    say: Callable[[str], None],
+    imu: ImuSource | None,
+) -> Run:
     config, robot = deployment.config, deployment.robot
     hw = config["hw"]
     with contextlib.ExitStack() as stack:
@@ -270,6 +278,7 @@ def _guarded(deployment: Deployment, bus: Bus, opened: Opened, stop: Stop, say: 
             armed=(lambda: switch.armed(lambda: stop.reason is not None)) if switch else (lambda: None),
             overruns=config["overruns"],
             begins=opened.let_go,
+            imu=imu,
         )
         stack.enter_context(realtime(config["realtime"], [*bus.threads, *pressed]))
         with live_view(loop, config["live"]):
@@ -314,7 +323,7 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
         raise NotAtRestError(f"{ended.rstrip('.')}{cause}{where}.")
     if outcome.fault is not None:
         why = f"safety stopped the run: {outcome.fault.sentence.rstrip('.')}; {ended.rstrip('.')}{where}."
-        raise SealegsError(f"{why}{_on_a_stand(deployment)}")
+        raise SealegsError(f"{why}{'' if outcome.fault.name == 'imu' else _on_a_stand(deployment)}")
     if late is not None:
         if deployment.commands.rate is not None and outcome.ending == "finished":  # which was made for its rate
             raise SealegsError(f"{late.rstrip('.')}; {ended.rstrip('.')}{where}.")
@@ -410,6 +419,7 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
             **{joint.name: as_row(joint) for joint in robot.joints},
         },
         "safety": dict(config["robot"]["safety"]),
+        **({"imu": dict(robot.imu.said)} if robot.imu is not None else {}),
         "registers": registers,
     }
     # the load of a virtual bench is known; of a real one, only what somebody says
@@ -418,4 +428,4 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
     word = robot.robot.name if robot.robot.file is None else os.path.relpath(robot.robot.file.path, folder.absolute())
     sidecar = make_sidecar(word, params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
-    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.base_names)
+    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.log_base)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...envs.engine.imu import COLUMNS
 from ..machine.robot import Reading
 from .measured_log import MeasuredLog
 
@@ -37,5 +38,13 @@ def write_cycle(
     columns = [values[signal] for signal in log.signals]
     host = (reading.before - zero, reading.after - zero, sent - zero)
     status = state.status[: len(goal)] if state is not None else ()
-    measured = np.where(base, reading.base_position, np.nan)
+    measured = [*np.where(base, reading.base_position, np.nan), *_turn(reading)][: log.base]
     log.write(reading.time - zero, np.stack(columns, axis=1), measured, host, status)
+
+
+def _turn(reading: Reading) -> np.ndarray:
+    """Cells of :data:`sealegs.envs.engine.imu.COLUMNS`, NaN where the IMU has said nothing new."""
+    turn = reading.imu
+    if turn is None or not turn.fresh:
+        return np.full(len(COLUMNS), np.nan)
+    return np.array([*turn.orientation, *turn.turn_rate, reading.time - turn.time])

@@ -14,8 +14,10 @@ from ...common.alarm import to_stderr
 from ...common.errors import SealegsError
 from ..bus.address import named
 from ..bus.clock import Metronome
+from ..bus.imu import ImuSource
 from ..bus.interface import Bus
 from ..bus.packets import BusError, ReplyError
+from ..bus.servo_state import ServoState
 from ..guard.safety import Fault, Safety
 from ..guard.stop import Stop
 from ..guard.supervisor import Rest, Supervisor
@@ -68,6 +70,7 @@ class ControlLoop:
         park: Commands | None = None,
         begins: Callable[[], None] = lambda: None,
         armed: Callable[[], str | None] = lambda: None,
+        imu: ImuSource | None = None,
     ) -> None:
         """Prepare; nothing moves.
 
@@ -87,6 +90,7 @@ class ControlLoop:
             park: motion along which the robot sits down before it is released, where it ends without a fault; a further
                 wish to stop, and an emergency stop at once, cut it short.
             begins: called where the run begins, the robot being at its start; a hand may let go then.
+            imu: of the robot; None: it has none.
             armed: asked at first, where it may wait, and before each servo gets torque; a text lets no further have it.
             overruns: what becomes of a rate that cannot be kept: it is said and logged, or ends the run as well.
         """
@@ -104,7 +108,7 @@ class ControlLoop:
         self.sent = np.zeros(len(robot.joints))
         self._current_sign = CurrentSign(robot)
         self.park, self._torque_on, self._let_go, self._begins = park, False, False, begins
-        self._note = ""
+        self._note, self._imu = "", imu
         self._watch = TorqueWatch(self._metronome.period)
         self._overruns = Overruns(self._metronome.period, slower_of(commands))
         self._overruns_stop = overruns == "stop"
@@ -197,7 +201,7 @@ class ControlLoop:
         if self._stop.reason is not None:
             return None
         try:
-            here = self.robot.reading(self.bus.read_state(self.robot.all_ids), self.reading)
+            here = self._put_together(self.bus.read_state(self.robot.all_ids))
             self.sent = np.clip(here.position, self.robot.low, self.robot.high)  # goals go on from there
             if (start := self.commands.start()) is None:
                 return None
@@ -214,7 +218,7 @@ class ControlLoop:
     def _fit(self) -> Fault | None:
         """Whether the robot may get torque: everybody answers, in time, within the limits."""
         period = self._metronome.period
-        slow = measured(self.bus, self.robot, self.commands, period).too_slow(period)
+        slow = measured(self.bus, self.robot, self.commands, period, self._imu).too_slow(period)
         if slow is not None and (fault := self._named("slow", slow)) is not None:
             return fault
         self.reading = self._read_once()
@@ -234,7 +238,11 @@ class ControlLoop:
         until = self.bus.clock.now() + RETRYING * self._metronome.period
         state = self.bus.read_cycle(self.robot.all_ids, self._watch.due(self._metronome.now()), until)
         self._read_at = state.after
-        return self._current_sign.mended(self.robot.reading(state, self.reading))
+        return self._current_sign.mended(self._put_together(state))
+
+    def _put_together(self, state: ServoState) -> Reading:
+        """A reading of servos and IMU."""
+        return self.robot.reading(state, self.reading, None if self._imu is None else self._imu.latest())
 
     def _reading(self) -> Reading | Fault | None:
         """A reading within the limits; why the run ends; None: nobody answered, and goals stay as they are."""
@@ -257,6 +265,8 @@ class ControlLoop:
         self._event("missed", error=type(error).__name__, sentence=str(error), servos=named(error.servos))
 
     def _judge(self, reading: Reading) -> Fault | None:
+        if self._imu is not None:
+            self.safety.imu_problem = self._imu.problem()
         lost = None if reading.state is None else self._watch.judge(reading.state, self.bus.marks)
         fault = lost or self.safety.judge(reading) or self.safety.follows(self.sent, reading)
         for noted in self.safety.noted:

@@ -52,6 +52,7 @@ class MeasuredLog:
         path: of the table.
         events_path: of the events: starts, failures of the bus, faults, ends; one JSON object a line.
         signals: of each joint, in the order of columns.
+        base: number of columns ``base.*``.
         rows: written so far.
     """
 
@@ -80,7 +81,7 @@ class MeasuredLog:
         if not name or name != Path(name).name or name.startswith("."):
             raise LogError(f"a run cannot be called {name!r}; use a name that is a plain file name.")
         self.path, self.events_path = folder / f"{name}.csv", folder / f"{name}.events.jsonl"
-        self.signals = tuple(signals)
+        self.signals, self.base = tuple(signals), len(base)
         self.rows = 0
         columns = ["time", *(f"{joint}.{signal}" for joint in joints for signal in signals)]
         columns += [*(f"base.{item}" for item in base), *(f"host.{item}" for item in HOST)]

@@ -8,8 +8,10 @@ import numpy as np
 
 from ...common.errors import SealegsError
 from ...envs.contract import Contract, goal_scale
-from ...envs.engine.base import BaseLayout
+from ...envs.engine.base import BaseLayout, euler, quaternion
 from ...envs.engine.task import ModulatedTask, Motion, Task
+from ...envs.engine.turns import inverse, multiply
+from ..machine.reading import BaseTurn
 from ..machine.robot import Reading, ServoRobot
 
 
@@ -35,8 +37,9 @@ class Observer:
 
     Speeds of joints are differences over control steps, as in the environment, and the task itself puts the observation
     together. Speeds of a base are such differences too, where the environment has those of the moment: they are half a
-    control step late. What was not read in a control step keeps its speed (:class:`_Speeds`). Torque is the motor
-    constant times the measured current, 0 for chains without a motor.
+    control step late. An IMU has the turn rate of the moment; its heading counts from where it begins. What was not
+    read in a control step keeps its speed (:class:`_Speeds`). Torque is the motor constant times the measured current,
+    0 for chains without a motor.
 
     Attributes:
         task: of the policy.
@@ -70,6 +73,7 @@ class Observer:
         self.state = np.array(contract.state)
         self._joint_speeds, self._link_speeds, self._rates = (_Speeds(self._dt) for _ in range(3))
         self._begun: float | None = None
+        self._ahead: np.ndarray | None = None
         self._fresh = robot.fresh
         self._drawn: list[float] = []
 
@@ -100,7 +104,8 @@ class Observer:
         position, link = reading.position, reading.link
         measured = dict(zip(self.base_names, reading.base_position.tolist(), strict=True))
         rates = dict(zip(self.base_names, reading.base_velocity.tolist(), strict=True))
-        qpos = self._base.qpos(measured)
+        qpos, qvel = self._base.qpos(measured), self._base.qvel(measured, rates)
+        self._turned(reading.imu, qpos, qvel)
         if self._begun is None:
             self._start(position)
             self._begun = reading.time
@@ -113,7 +118,7 @@ class Observer:
         count = self._count
         motion = Motion(
             qpos=qpos,
-            qvel=self._base.qvel(measured, rates),
+            qvel=qvel,
             link=link[None],
             link_speed=link_speed[None],
             reading=position[None],
@@ -128,6 +133,7 @@ class Observer:
             memory=self.state[None, 1 + 2 * count :],
             power=np.array([np.mean(self._drawn) if self._drawn else 0.0]),
             qpos_rate=qpos_rate,
+            base=self._base.base,
         )
         self._drawn.clear()
         with np.errstate(invalid="ignore"):
@@ -135,6 +141,16 @@ class Observer:
             rewards = {name: float(term[0]) for name, term in self.task.rewards(motion).items()}
             failed = bool(self.task.failed(motion)[0])
         return Seen(reading.time, np.concatenate(parts), rewards, failed)
+
+    def _turned(self, turn: BaseTurn | None, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Write how the base turns into positions (1, nq) and speeds (1, nv), as an IMU says it."""
+        if turn is None or self._base.base is None:
+            return
+        at, dof = self._base.base
+        if self._ahead is None:
+            self._ahead = inverse(quaternion(0.0, 0.0, euler(turn.orientation)[2]))
+        qpos[0, at + 3 : at + 7] = multiply(self._ahead, turn.orientation)
+        qvel[0, dof + 3 : dof + 6] = turn.turn_rate
 
     def _start(self, position: np.ndarray) -> None:
         """The action that stands for where the robot is, as an episode starts at rest."""

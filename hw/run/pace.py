@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..bus.clock import Timing
+from ..bus.imu import ImuSource
 from ..bus.interface import Adapter, Bus
 from ..bus.registers import ServoModel
 from ..machine.robot import ServoRobot
@@ -93,7 +94,7 @@ def slower_of(commands: object) -> Callable[[float], str]:
     return getattr(commands, "slower", at_rate)
 
 
-def measured(bus: Bus, robot: ServoRobot, commands: object, period: float) -> Pace:
+def measured(bus: Bus, robot: ServoRobot, commands: object, period: float, imu: ImuSource | None = None) -> Pace:
     """What a cycle takes; the policy is tried on a reading of the robot as it is.
 
     Args:
@@ -101,11 +102,15 @@ def measured(bus: Bus, robot: ServoRobot, commands: object, period: float) -> Pa
         robot: on it.
         commands: source of goals; what can ``rehearse``, as a policy can, does.
         period: of the loop [s].
+        imu: of the robot; None: it has none.
 
     Raises:
         SealegsError: a servo does not answer, or the policy fails.
     """
-    reading = robot.reading(bus.read_state(robot.all_ids))  # with all retries: who is missing here is missing
+    sample = None if imu is None else imu.latest()
+    reading = robot.reading(
+        bus.read_state(robot.all_ids), sample=sample
+    )  # with all retries: who is missing here is missing
     rehearse: Callable[..., float] | None = getattr(commands, "rehearse", None)
     policy = 0.0 if rehearse is None else rehearse(reading, period, bus.clock.now)
     adapters = bus.adapters(robot.all_ids)

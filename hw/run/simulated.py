@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from ...common.errors import SealegsError
+from ...envs.engine.imu import COLUMNS
 from ...gap.log import read_measured
 from ..guard.safety import Limits, Safety
 from ..machine.robot import Reading, ServoRobot
+from ..virtual.imu import FetchedImu
 from ..virtual.in_process import bus_in_process
 from .commands import Commands
 from .loop import ControlLoop
@@ -98,10 +100,13 @@ def simulate(
     sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, {})
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
     with tempfile.TemporaryDirectory() as folder:
-        log = MeasuredLog(Path(folder), "simulated", sidecar, robot.names, signals, robot.base_names)
+        log = MeasuredLog(Path(folder), "simulated", sidecar, robot.names, signals, robot.log_base)
         with contextlib.closing(log):
             safety, begins = _Unstopped(robot, limits, 1.0 / rate), partial(setattr, rig, "held", None)
-            loop = ControlLoop(bus, robot, safety, commands, rate, log=log, begins=begins, alarm=lambda _: None)
+            imu = None if rig.machine.imu is None else FetchedImu(rig.machine.imu, bus.clock.now)
+            loop = ControlLoop(
+                bus, robot, safety, commands, rate, log=log, begins=begins, alarm=lambda _: None, imu=imu
+            )
             outcome = loop.run(duration)
         if log.rows == 0:
             why = outcome.fault.sentence if outcome.fault is not None else "it ended before its first cycle."
@@ -119,7 +124,8 @@ def recorded(path: Path, commands: Commands) -> Recording:
 
     history = getattr(commands, "history", [])
     begun = history[0].time - run.time[0] if history else 0.0
-    base = np.stack(list(run.base.values()), axis=1) if run.base else np.zeros((len(run.time), 0))
+    places = [values for name, values in run.base.items() if name not in COLUMNS]
+    base = np.stack(places, axis=1) if places else np.zeros((len(run.time), 0))
     columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
     columns["velocity"] = velocity_of(run.time, columns["position"])
     links = [joint.link_position for joint in joints if joint.link_position is not None]

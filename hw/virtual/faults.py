@@ -28,6 +28,7 @@ KINDS = {
     "locked": "a servo's lock register stays at 1, so that nothing written to its EEPROM persists",
     "forgetful": "a servo's lock register can be opened, and yet it keeps nothing without power",
     "limp": "a servo's torque register becomes 0 by itself",
+    "imu_silence": "the IMU sends nothing",
     "overload": "a servo is latched in overload until its torque is switched off",
 }
 DEFAULTS = {"overheat": 80.0, "brown_out": 3.8, "restart": 0.8}

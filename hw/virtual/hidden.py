@@ -3,8 +3,8 @@
 The file is YAML, in one of three forms:
 
 - a list: the chain that is really on every joint, such as the ``extended.yaml`` of a diagnosis;
-- a mapping with keys ``stage.parameter``, which change or add a stage on every joint, and ``robot.number``, which
-  change a number of the robot;
+- a mapping with keys ``stage.parameter``, which change or add a stage on every joint, ``robot.number``, which change a
+  number of the robot, and ``imu.delay`` and the like (:mod:`sealegs.hw.virtual.imu`);
 - under the name of a joint, either of the two for that joint alone.
 """
 
@@ -18,6 +18,9 @@ from ...actuators.stages import build_stage
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
 from ...envs.engine.robot import Robot
+
+IMU = "imu."
+"""Before the keys of an IMU."""
 
 
 def hide(
@@ -37,10 +40,7 @@ def hide(
     believed = {name: load_chain(chain) for name, chain in chains.items()}
     if path is None:
         return believed, params
-    try:
-        content = read_yaml(path, f"the file of hidden effects {path}")
-    except DocumentError as error:
-        raise SealegsError(f"{error}.") from None
+    content = _content(path)
     if isinstance(content, list):
         return {name: load_chain(path) for name in believed}, params
     if not isinstance(content, dict):
@@ -56,6 +56,9 @@ def hide(
                     believed[key] = changed(believed[key], str(inner), number, path)
             else:
                 raise SealegsError(f"{path}: under '{key}' stands neither a chain nor changes of one.")
+        elif key.startswith(IMU):
+            if robot.imu is None:
+                raise SealegsError(f"{path}: {key} is of an IMU, and robot '{robot.name}' has none.")
         elif key.startswith("robot."):
             numbers[key.removeprefix("robot.")] = value
         elif "." in key:
@@ -66,6 +69,24 @@ def hide(
                 "'delay.seconds' or 'robot.mass'."
             )
     return believed, numbers
+
+
+def of_imu(path: str | None) -> dict[str, Any]:
+    """What a file of hidden effects says of the IMU, by key after ``imu.``.
+
+    Raises:
+        SealegsError: the file cannot be read.
+    """
+    content = None if path is None else _content(path)
+    rows = content.items() if isinstance(content, dict) else ()
+    return {str(key).removeprefix(IMU): value for key, value in rows if str(key).startswith(IMU)}
+
+
+def _content(path: str) -> Any:
+    try:
+        return read_yaml(path, f"the file of hidden effects {path}")
+    except DocumentError as error:
+        raise SealegsError(f"{error}.") from None
 
 
 def changed(chain: Chain, path: str, value: Any, where: str) -> Chain:

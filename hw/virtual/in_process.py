@@ -10,6 +10,7 @@ from typing import Any
 
 from ...common.errors import SealegsError
 from ...configs.check import checked, checked_seed
+from ...envs.described.robot_imu import with_imu
 from ...envs.robots import get_robot
 from ..bus.registers import ServoModel, load_model, ready_at
 from ..bus.servo_bus import ServoBus
@@ -70,14 +71,15 @@ def wires_of(config: Mapping[str, Any]) -> list[Wire]:
     robot = get_robot(checked("robot", config["robot"], str))
     model = load_model(checked("model", config["model"], str))
     hidden = checked("hidden", config["hidden"], str | None)
-    machine = Machine(robot, config["actuator"], hidden, config["params"], config["sensors"], config["pose"])
+    robot = with_imu(robot, config["imu"])
+    seed = checked_seed(config["seed"])
+    machine = Machine(robot, config["actuator"], hidden, config["params"], config["sensors"], config["pose"], seed)
     others = {str(name): load_model(checked(f"buses.{name}", row, str)) for name, row in config["buses"].items()}
     mounted = mounts(machine.encoders, config["servos"], model, others)
     counts = {"": _registers(config["registers"], model)}
     counts |= {name: _registers(config["bus_registers"].get(name), table) for name, table in others.items()}
     held = checked("held", config["held"], Held | None)
     rig = Rig(machine, model, mounted, held, others=others, registers=counts)
-    seed = checked_seed(config["seed"])
     return [Wire(rig, _faults(config), seed + k, name) for k, name in enumerate(["", *others])]
 
 

@@ -26,6 +26,7 @@ class VirtualBus:
         port: path to give to :class:`sealegs.hw.bus.servo_bus.ServoBus` or to any other client.
         control_path: of the control socket, for another process.
         ports: paths by name of the line; "" is the first.
+        imu_port: path that the lines of its IMU come from; "": the robot has none.
     """
 
     def __init__(self, **keys: Any) -> None:
@@ -60,6 +61,9 @@ class VirtualBus:
         self.ports = {"": self.port}
         for name in keys.get("buses") or {}:
             _, _, self.ports[name] = self._process.stdout.readline().strip().partition(": ")
+        self.imu_port = ""
+        if keys.get("imu"):
+            _, _, self.imu_port = self._process.stdout.readline().strip().partition(": ")
         self._control = Control(self.control_path)
 
     def __enter__(self) -> VirtualBus:

@@ -18,7 +18,8 @@ from ...envs.engine.base import BaseLayout
 from ...envs.engine.model_ties import in_turn, place_followers
 from ...envs.engine.position_goals import check_position_goals
 from ...envs.engine.robot import ChainSource, Robot
-from .hidden import hide
+from .hidden import hide, of_imu
+from .imu import VirtualImu, hidden_imu
 
 NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed
 UNSTABLE = tuple(
@@ -60,6 +61,7 @@ class Machine:
         encoders: of these, and behind them of the encoders that drive nothing.
         drivetrain: robot and chains.
         model, data: MuJoCo's.
+        imu: on its free base; None: it has none.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Machine:
         params: Mapping[str, float] | None = None,
         sensors: Mapping[str, float] | None = None,
         pose: Mapping[str, float] | None = None,
+        seed: int = 0,
     ) -> None:
         """Build the robot and place it in ``pose``, or at the middle of its goals' ranges.
 
@@ -81,6 +84,7 @@ class Machine:
             sensors: encoders that drive nothing: ``<coordinate>.link``, on the far side of a spring, or a joint of the
                 model; and how far what they measure moves per radian of theirs [rad or m].
             pose: quantities of the model's joints, see :mod:`sealegs.envs.engine.base`.
+            seed: of the noise of its IMU.
 
         Raises:
             SealegsError: one of them does not fit the robot.
@@ -121,6 +125,10 @@ class Machine:
         install()
         mujoco.mj_forward(self.model, self.data)
         self._check_stands(robot.name)
+        self.imu: VirtualImu | None = None
+        self._free = self.layout.base_in(self.model)
+        if robot.imu is not None:
+            self.imu = VirtualImu(hidden_imu(robot.imu, of_imu(hidden), str(hidden)), self.base_turn, seed)
 
     def _place(self, pose: Mapping[str, float]) -> None:
         for name in pose:
@@ -232,6 +240,12 @@ class Machine:
     def base(self) -> tuple[dict[str, float], dict[str, float]]:
         """True quantities of :mod:`sealegs.envs.engine.base` and their rates; a free joint's turn rates are 0."""
         return self.layout.values_of(self.model, self.data.qpos), self.layout.rates_of(self.model, self.data.qvel)
+
+    def base_turn(self) -> tuple[np.ndarray, np.ndarray]:
+        """Orientation of the free base (4,), a quaternion, and its turn rate about its axes (3,) [rad/s], true."""
+        assert self._free is not None  # who has an IMU has a free base
+        at, dof = self._free
+        return np.array(self.data.qpos[at + 3 : at + 7]), np.array(self.data.qvel[dof + 3 : dof + 6])
 
     def duty(self, joint: int) -> float:
         """Duty of the bridge [-1..1]; 0 for chains without one, and while the motor is disconnected."""

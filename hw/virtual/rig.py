@@ -140,6 +140,8 @@ class Rig:
         while time - self.machine.time > SHORTEST_STEP:
             now = self.machine.time
             end = min(time, self._next_tick)
+            if self.machine.imu is not None:
+                end = min(end, max(self.machine.imu.next_at, now))
             moving = [servo for servo in self.servos if servo.in_profile]
             if moving:
                 end = min(end, now + PROFILE_STEP)
@@ -152,6 +154,8 @@ class Rig:
                 self.machine.data.time = end
             else:
                 self.machine.advance(end)
+            while self.machine.imu is not None and self.machine.imu.next_at <= end + SHORTEST_STEP:
+                self.machine.imu.take()
             if end >= self._next_tick - 1e-9:
                 self._next_tick += TICK
                 self.sense()

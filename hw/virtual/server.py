@@ -14,6 +14,7 @@ from typing import Any
 from . import protocol
 from .control import ControlSocket
 from .faults import fault_from, first
+from .imu import line_of
 from .protocol import Request
 from .terminal import Terminal
 from .wire import Wire
@@ -101,8 +102,9 @@ class Server:
         self.wire = wire
         self.lines = {"": Line(wire, link)}
         for other in others:
-            beside = None if link is None else link.with_name(f"{link.name}-{other.bus}")
+            beside = None if link is None else _beside(link, other.bus)
             self.lines[other.bus] = Line(other, beside)
+        self.imu = None if wire.rig.machine.imu is None else Terminal(None if link is None else _beside(link, "imu"))
         self._control = ControlSocket()
         self._stepped_now = 0.0
         self._start = time.monotonic()
@@ -134,6 +136,8 @@ class Server:
         self._control.close()
         for line in self.lines.values():
             line.plug(False)
+        if self.imu is not None:
+            self.imu.close()
 
     def run(self) -> None:
         """Serve until told to stop."""
@@ -181,9 +185,16 @@ class Server:
             line.wire.apply_faults(now)
         self.wire.rig.advance(now)
         self.wire.rig.apply()
+        self._send_samples(now)
         for line in self.lines.values():
             away = first(line.wire.faults, "unplug", now)
             line.plug(away is None, None if away is None else away.name)
+
+    def _send_samples(self, now: float) -> None:
+        """Send the lines of the IMU that are due."""
+        if self.imu is not None and (imu := self.wire.rig.machine.imu) is not None:
+            for sample in imu.due(now):
+                self.imu.write(line_of(sample))
 
     def _receive(self, line: Line) -> None:
         if line.terminal is None:
@@ -311,10 +322,17 @@ class Server:
         return {}
 
 
+def _beside(link: Path, name: str) -> Path:
+    """The link to a further port."""
+    return link.with_name(f"{link.name}-{name}")
+
+
 def announce(server: Server) -> None:
     """Print where clients find the server, one fact a line."""
     print(f"port: {server.port}", f"control: {server.control}", sep="\n")
     for name, line in server.lines.items():
         if name:
             print(f"port of {name}: {line.port}")
+    if server.imu is not None:
+        print(f"port of the IMU: {server.imu.path}")
     sys.stdout.flush()

@@ -212,7 +212,9 @@ class Wire:
         return [(at, packet)]
 
     def apply_faults(self, now: float) -> None:
-        """Bring the servos' own faults into force; forget what is over."""
+        """Bring the faults of servos and IMU into force; forget what is over."""
+        if self.rig.machine.imu is not None and not self.bus:
+            self.rig.machine.imu.silent = first(self.faults, "imu_silence", now) is not None
         for servo in self.servos:
             hot = first(self.faults, "overheat", now, servo.id)
             servo.forced_temperature = hot.value if hot else None

@@ -15,6 +15,16 @@ from sealegs.common.extras import EXTRAS, MissingPackage, needed_for
 REPOSITORY = Path(__file__).resolve().parents[2]
 DISTRIBUTIONS = {"scservo_sdk": "feetech-servo-sdk", "serial": "pyserial"}
 """Where the name in ``import`` is another than that in ``pip install``."""
+FAMILY = {"adafruit_extended_bus": "adafruit-extended-bus", "adafruit_": "adafruit-circuitpython-"}
+"""The same by the beginning of the name, the first that fits."""
+
+
+def distribution(package: str) -> str:
+    """What ``pip install`` calls a package."""
+    began = next((begin for begin in FAMILY if package.startswith(begin)), "")
+    named = DISTRIBUTIONS.get(package, package.replace(began, FAMILY.get(began, "")) if began else package)
+    return named.replace("_", "-")
+
 
 CORE = f"""
 import sys
@@ -39,10 +49,10 @@ def test_the_table_of_extras_is_that_of_the_project() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     for extra, packages in EXTRAS.items():
         asked = {Requirement(line).name for line in project["optional-dependencies"][extra]}
-        named = {DISTRIBUTIONS.get(package, package.replace("_", "-")) for package in packages}
+        named = {distribution(package) for package in packages}
         assert named <= asked
     assert not {Requirement(line).name for line in project["dependencies"]} & {
-        DISTRIBUTIONS.get(package, package.replace("_", "-")) for packages in EXTRAS.values() for package in packages
+        distribution(package) for packages in EXTRAS.values() for package in packages
     }
 
 

@@ -1,0 +1,97 @@
+"""The IMU that the YAML of a robot describes, put onto the robot's model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ...common.errors import nearest
+from ...configs.check import checked_fields
+from ..engine import turns
+from ..engine.base import BaseLayout, quaternion
+from ..engine.imu import Imu, Spread
+from ..engine.model_poses import stand
+from ..engine.numbers import RobotError
+from ..engine.robot import Robot
+from .robot_entries import ImuEntry
+
+
+def read_imu(document: Mapping[str, Any], robot: Robot) -> Imu:
+    """The IMU of a robot.
+
+    Args:
+        document: ``imu`` of the robot's YAML.
+        robot: that it is on.
+
+    Raises:
+        SealegsError: the robot has no free base, or a key, value, site or body is none or moves against the base.
+    """
+    entry = checked_fields("imu", dict(document), ImuEntry)
+    assumed = Imu("")
+    noise, bias = (
+        checked_fields(f"imu.{key}", {**vars(getattr(assumed, key)), **getattr(entry, key)}, Spread)
+        for key in ("noise", "bias")
+    )
+    for key, spread in (("noise", noise), ("bias", bias)):
+        if min(spread.orientation, spread.turn_rate) < 0.0:
+            raise RobotError(f"imu.{key} holds a standard deviation below 0; 0 is the least.")
+    model = robot.build_spec().compile()
+    layout = BaseLayout(robot)
+    if (place := layout.base) is None:
+        raise RobotError("imu: an IMU tells how a free base turns, and this base is fixed; give base: free.")
+    root = int(model.dof_bodyid[place[1]])
+    own = quaternion(*entry.rotation)
+    body, turn = _seat(entry, model, root)
+    if model.body_weldid[body] != model.body_weldid[root]:
+        raise RobotError(
+            f"imu: joints move body '{model.body(body).name}' against the base '{model.body(root).name}'; mount it on "
+            "the base, or on a body that no joint moves against it."
+        )
+    mount = turns.multiply(turn, own)
+    standing = np.array(model.qpos0)
+    stand(model, robot.pose, standing)
+    upright = standing[place[0] + 3 : place[0] + 7]
+    return Imu(
+        layout.base_name, mount=tuple(mount.tolist()), upright=tuple(upright.tolist()), rate=entry.rate,
+        delay=entry.delay, noise=noise, bias=bias, fallen=entry.fallen, silent=entry.silent, said=dict(document),
+    )  # fmt: skip
+
+
+def with_imu(robot: Robot, document: Mapping[str, Any] | None) -> Robot:
+    """The robot with the IMU that its YAML describes.
+
+    Raises:
+        SealegsError: as :func:`read_imu`.
+    """
+    return robot if document is None else replace(robot, imu=read_imu(document, robot))
+
+
+def _seat(entry: ImuEntry, model: mujoco.MjModel, root: int) -> tuple[int, np.ndarray]:
+    """The body that the IMU sits on, and the turn of its seat against the base.
+
+    Raises:
+        RobotError: the model has no such site or body, or both are named.
+    """
+    if entry.site is not None and entry.body is not None:
+        raise RobotError("imu has a site and a body; give one of them.")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    base = turns.inverse(np.array(data.xquat[root]))
+    if entry.site is not None:
+        sites = [model.site(k).name for k in range(model.nsite)]
+        if entry.site not in sites:
+            raise RobotError(f"imu.site: the model has no site '{entry.site}'{nearest(entry.site, sites)}.")
+        number, turn = model.site(entry.site).id, np.zeros(4)
+        mujoco.mju_mat2Quat(turn, data.site_xmat[number])
+        return int(model.site_bodyid[number]), turns.multiply(base, turn)
+    if entry.body is None:
+        return root, np.array([1.0, 0.0, 0.0, 0.0])
+    bodies = [model.body(k).name for k in range(1, model.nbody)]
+    if entry.body not in bodies:
+        raise RobotError(f"imu.body: the model has no body '{entry.body}'{nearest(entry.body, bodies)}.")
+    number = model.body(entry.body).id
+    return number, turns.multiply(base, np.array(data.xquat[number]))

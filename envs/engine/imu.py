@@ -1,0 +1,216 @@
+"""An IMU on a robot's free base: where it sits, how often and how late it is read, how far its readings are off.
+
+One description serves training, the virtual machine and deployment. Noise and bias of a sample follow from the number
+of the IMU (its key) and that of the sample alone, so batches of any size draw the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from . import turns
+
+GIVES = ("roll", "pitch", "yaw")
+"""Quantities of the free joint (:mod:`sealegs.envs.engine.base`) that the IMU measures, and their rates."""
+COLUMNS = ("imu.w", "imu.x", "imu.y", "imu.z", "imu.turn_x", "imu.turn_y", "imu.turn_z", "imu.age")
+"""Of ``base.*`` in a log: quaternion of the base in the world, turn rate about the base's axes [rad/s], and how long
+before the row the sample came [s]. Cells of a row without a new sample are empty."""
+KEYS = 2**53  # IMUs that can be told apart
+OF_ALL = -(2**62)  # in place of the number of a sample: what all samples of an IMU share
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations about each axis.
+
+    Attributes:
+        orientation: [rad].
+        turn_rate: [rad/s].
+    """
+
+    orientation: float
+    turn_rate: float
+
+
+@dataclass(frozen=True)
+class Imu:
+    """An IMU that moves with the robot's free base.
+
+    Attributes:
+        joint: the free joint, as :mod:`sealegs.envs.engine.base` calls it.
+        mount: quaternion that turns the IMU's axes into the base's.
+        upright: quaternion of the base where the robot stands.
+        rate: samples per second [Hz].
+        delay: from the motion to the sample at the host [s].
+        noise: of each sample.
+        bias: of each IMU, the same in all its samples.
+        fallen: tilt from upright at which a run ends [rad]; None: none.
+        silent: time without a sample at which a run ends [s], and two cycles at least.
+        said: what the robot's file says of it, for who builds it again.
+    """
+
+    joint: str
+    mount: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    upright: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    rate: float = 100.0
+    delay: float = 0.01
+    noise: Spread = Spread(0.005, 0.01)
+    bias: Spread = Spread(0.01, 0.005)
+    fallen: float | None = 1.0
+    silent: float = 0.1
+    said: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    @property
+    def part(self) -> Mapping[str, Any]:
+        """How a computer reads it, for deployment."""
+        return self.said.get("part") or {}
+
+    @property
+    def gives(self) -> tuple[str, ...]:
+        """Quantities of the base that it measures."""
+        return tuple(f"{self.joint}.{key}" for key in GIVES)
+
+    def sample_at(self, time: np.ndarray, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number (...) of the newest sample that a host has at ``time`` [s], and when it was taken [s].
+
+        The clock of an IMU is its own: its samples lie anywhere in its period, as its key (...) says.
+        """
+        phase = _uniform(key, np.zeros_like(key), 0)
+        number = np.floor((np.asarray(time) - self.delay) * self.rate - phase + 1e-9)
+        return number.astype(np.int64), (number + phase) / self.rate
+
+    def measured(
+        self, orientation: np.ndarray, turn_rate: np.ndarray, key: np.ndarray, number: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What samples say of a base that turns.
+
+        Args:
+            orientation: of the base, true (..., 4).
+            turn_rate: about its axes, true (..., 3) [rad/s].
+            key: of the IMUs (...), uint64.
+            number: of the samples (...).
+
+        Returns:
+            The same two, with noise and bias; in the base's axes.
+        """
+        bias, noise = _normal(key, np.full_like(np.asarray(number), OF_ALL), 6), _normal(key, number, 6)
+        error = self.bias.orientation * bias[..., :3] + self.noise.orientation * noise[..., :3]
+        rate = turn_rate + self.bias.turn_rate * bias[..., 3:] + self.noise.turn_rate * noise[..., 3:]
+        return turns.multiply(orientation, turns.of_vector(error)), rate
+
+    def raw(self, orientation: np.ndarray, turn_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Orientation and turn rate of the base (..., 4), (..., 3) as the IMU has them, in its own axes."""
+        mount = np.array(self.mount)
+        return turns.multiply(orientation, mount), turns.applied(turns.inverse(mount), turn_rate)
+
+    def of_base(self, orientation: np.ndarray, turn_rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Orientation and turn rate of the base (..., 4), (..., 3) from those of the IMU in its own axes."""
+        mount = np.array(self.mount)
+        return turns.multiply(orientation, turns.inverse(mount)), turns.applied(mount, turn_rate)
+
+    def tilt(self, orientation: np.ndarray) -> np.ndarray:
+        """How far a base (..., 4) leans from where it stands upright (...) [rad]."""
+        along = (turns.down(orientation) * turns.down(np.array(self.upright))).sum(axis=-1)
+        return np.arccos(np.clip(along, -1.0, 1.0))
+
+
+def key_of(uniform: np.ndarray) -> np.ndarray:
+    """Keys of IMUs (...) from uniform numbers in [0, 1)."""
+    return (np.asarray(uniform) * KEYS).astype(np.uint64)
+
+
+class ImuHistory:
+    """What the IMUs of n simulations have to say, while the simulations go on in whole control steps."""
+
+    def __init__(self, imu: Imu, count: int, places: tuple[int, int], substeps: int, timestep: float) -> None:
+        """Prepare for ``count`` simulations.
+
+        Args:
+            imu: on each of them.
+            count: simulations.
+            places: addresses of the free joint in ``qpos`` and ``qvel``.
+            substeps: steps of the simulation in a control step.
+            timestep: [s].
+        """
+        self.imu, self._places, self._dt = imu, places, substeps * timestep
+        fitting = [k for k in range(1, substeps + 1) if substeps % k == 0 and k * timestep * imu.rate <= 1.0 + 1e-9]
+        self._every = max(fitting, default=1)
+        self._spacing = self._every * timestep
+        length = math.ceil((imu.delay + 1.0 / imu.rate) / self._spacing + 1e-6) + 2
+        self._states = np.zeros((length, count, 7))
+        self._head, self._since = 0, 0
+        self.keys = np.zeros(count, np.uint64)
+
+    def begin(self, chosen: np.ndarray, uniform: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """New episodes in some simulations, which stood as they stand; ``uniform`` (m,) draws their IMUs."""
+        self.keys[chosen] = key_of(uniform)
+        self._states[:, chosen] = self._state(qpos[chosen], qvel[chosen])
+
+    def carry(self, step: Callable[[int], None], steps: int, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Go on by ``steps``; ``step`` simulates a number of steps, after which ``qpos`` and ``qvel`` are new."""
+        while steps > 0:
+            part = min(steps, self._every - self._since)
+            step(part)
+            steps, self._since = steps - part, (self._since + part) % self._every
+            if self._since == 0:
+                self._head = (self._head + 1) % len(self._states)
+                self._states[self._head] = self._state(qpos, qvel)
+
+    def seen(self, time: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``qpos`` and ``qvel`` with the turn of the base as it is measured at the end of a control step.
+
+        Args:
+            time: since the episodes started (n,) [s].
+            qpos, qvel: true.
+        """
+        number, taken = self.imu.sample_at(time, self.keys)
+        back = (time - taken) / self._spacing
+        whole = np.floor(back).astype(np.int64)
+        rows, length = np.arange(len(time)), len(self._states)
+        newer, older = (self._states[(self._head - whole - k) % length, rows] for k in (0, 1))
+        share = (back - whole)[:, None]
+        orientation = turns.between(newer[:, :4], older[:, :4], share)
+        turn_rate = (1.0 - share) * newer[:, 4:] + share * older[:, 4:]
+        orientation, turn_rate = self.imu.measured(orientation, turn_rate, self.keys, number)
+        at, dof = self._places
+        qpos, qvel = qpos.copy(), qvel.copy()
+        qpos[:, at + 3 : at + 7], qvel[:, dof + 3 : dof + 6] = orientation, turn_rate
+        return qpos, qvel
+
+    def _state(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        at, dof = self._places
+        return np.concatenate([qpos[:, at + 3 : at + 7], qvel[:, dof + 3 : dof + 6]], axis=1)
+
+
+# --- numbers that look drawn, and follow from key, number and column ------------------------------------------------
+
+
+def _mixed(value: np.ndarray) -> np.ndarray:
+    """SplitMix64's output function (Steele, Lea and Flood, 2014)."""
+    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return value ^ (value >> np.uint64(31))
+
+
+def _uniform(key: np.ndarray, number: np.ndarray, column: int) -> np.ndarray:
+    """Uniform in [0, 1) (...)."""
+    step = np.uint64(0x9E3779B97F4A7C15)
+    with np.errstate(over="ignore"):
+        value = _mixed(np.asarray(key, np.uint64) + step)
+        value = _mixed(value + np.asarray(number).astype(np.int64).astype(np.uint64) * step)
+        value = _mixed(value + np.uint64(column + 1) * step)
+    return (value >> np.uint64(11)) / float(KEYS)
+
+
+def _normal(key: np.ndarray, number: np.ndarray, columns: int) -> np.ndarray:
+    """Standard normal (..., columns)."""
+    found = []
+    for column in range(columns):
+        radius = np.sqrt(-2.0 * np.log1p(-_uniform(key, number, 2 * column)))
+        found.append(radius * np.cos(2.0 * np.pi * _uniform(key, number, 2 * column + 1)))
+    return np.stack(found, axis=-1)

@@ -1,0 +1,106 @@
+"""An IMU as a computer reads it: the newest sample, and a thread that waits for the next one."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from time import monotonic
+from typing import Protocol
+
+import numpy as np
+
+from ...common.errors import SealegsError
+
+FIRST = 3.0  # [s] in which a part gives its first sample; a BNO055 starts in 0.65 s, a BNO085 in about 1 s
+
+
+class ImuError(SealegsError):
+    """An IMU that cannot be read."""
+
+
+@dataclass(frozen=True)
+class ImuSample:
+    """What an IMU said, in its own axes.
+
+    Attributes:
+        time: clock of the host as it came [s].
+        orientation: quaternion of the IMU in a world whose z axis points up (4,).
+        turn_rate: about the IMU's axes (3,) [rad/s].
+    """
+
+    time: float
+    orientation: np.ndarray
+    turn_rate: np.ndarray
+
+
+class ImuSource(Protocol):
+    """Where samples come from."""
+
+    def latest(self) -> ImuSample | None:
+        """The newest sample; None: there was none yet."""
+        ...
+
+    def problem(self) -> str:
+        """Why there are no further ones, as far as it is known; "": nothing is wrong."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it."""
+        ...
+
+
+class ThreadedImu(ABC):
+    """A part that is read by a thread of its own, so that no loop waits for it."""
+
+    def __init__(self, name: str) -> None:
+        """Start to read; ``name`` is for messages.
+
+        Raises:
+            ImuError: it gives no sample, or cannot be read.
+        """
+        self.name = name
+        self._sample: ImuSample | None = None
+        self._problem = ""
+        self._closing, self._come = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._read_on, daemon=True)
+        self._thread.start()
+        if not self._come.wait(FIRST) or self._sample is None:
+            self.close()
+            raise ImuError(f"the IMU {name} gave no sample in {FIRST:g} s{self._why()}.")
+
+    @abstractmethod
+    def read(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Wait for a sample: orientation (4,) and turn rate (3,) [rad/s]; None: there was none this time.
+
+        Raises:
+            OSError: the part is gone.
+            ImuError: what it says cannot be read.
+        """
+
+    def latest(self) -> ImuSample | None:
+        return self._sample
+
+    def problem(self) -> str:
+        return self._problem
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join(1.0)
+
+    def _why(self) -> str:
+        return f": {self._problem}" if self._problem else ""
+
+    def _read_on(self) -> None:
+        while not self._closing.is_set():
+            try:
+                found = self.read()
+            except (OSError, SealegsError, RuntimeError, ValueError) as error:  # what drivers of I2C parts raise
+                self._problem = str(error).rstrip(".") or type(error).__name__
+                if isinstance(error, ImuError) and self._sample is None:
+                    self._come.set()
+                self._closing.wait(0.01)
+                continue
+            if found is not None:
+                self._sample, self._problem = ImuSample(monotonic(), *found), ""
+                self._come.set()
