@@ -11,9 +11,9 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
-from ..engine.base import projected_gravity
 from ..engine.robot import Robot
 from ..engine.task import Motion, drawn
+from ..engine.turns import projected_gravity
 from ..robots import get_robot
 from .stand import Standing, standing
 from .task import AnyRobotTask, Numbers

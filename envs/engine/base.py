@@ -182,9 +182,3 @@ def euler(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
     return roll, pitch, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def projected_gravity(turn: np.ndarray) -> np.ndarray:
-    """Direction of gravity in the frame of a body (..., 3), of length 1, from its quaternion (..., 4), w first."""
-    w, x, y, z = (turn[..., k] for k in range(4))
-    return np.stack([2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0], axis=-1)

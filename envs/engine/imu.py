@@ -115,7 +115,7 @@ class Imu:
 
     def tilt(self, orientation: np.ndarray) -> np.ndarray:
         """How far a base (..., 4) leans from where it stands upright (...) [rad]."""
-        along = (turns.down(orientation) * turns.down(np.array(self.upright))).sum(axis=-1)
+        along = (turns.projected_gravity(orientation) * turns.projected_gravity(np.array(self.upright))).sum(axis=-1)
         return np.arccos(np.clip(along, -1.0, 1.0))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from .robot import Robot
-from .turns import down
+from .turns import projected_gravity
 from .world import NO_WORLD, World
 
 
@@ -75,7 +75,7 @@ class Motion:
     @property
     def gravity(self) -> np.ndarray:
         """Direction of gravity in the axes of the base (n, 3): (0, 0, -1) where it stands upright."""
-        return down(self.orientation)
+        return projected_gravity(self.orientation)
 
     @property
     def turn_rate(self) -> np.ndarray:

@@ -54,8 +54,8 @@ def between(a: np.ndarray, b: np.ndarray, share: np.ndarray) -> np.ndarray:
     return mixed / np.sqrt((mixed**2).sum(axis=-1, keepdims=True))
 
 
-def down(turn: np.ndarray) -> np.ndarray:
-    """Direction of gravity (..., 3) in the axes of a body that is turned so."""
+def projected_gravity(turn: np.ndarray) -> np.ndarray:
+    """Direction of gravity (..., 3), of length 1, in the axes of a body that is turned so."""
     w, x, y, z = (turn[..., k] for k in range(4))
     return np.stack([2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0], axis=-1)
 

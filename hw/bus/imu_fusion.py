@@ -43,7 +43,7 @@ class Tilt:
             return self._turn
         correction = np.zeros(3)
         if abs(size - GRAVITY) < QUIET * GRAVITY:
-            correction = np.cross(up, -turns.down(self._turn)) / TRUST
+            correction = np.cross(up, -turns.projected_gravity(self._turn)) / TRUST
         turn = turns.multiply(self._turn, turns.of_vector((rate + correction) * self._period))
         self._turn = turn / np.linalg.norm(turn)
         return self._turn

@@ -54,7 +54,7 @@ def test_turns_are_those_of_scipy() -> None:
     first, second = (Rotation.from_quat(turn, scalar_first=True) for turn in (a, b))
     assert turns.applied(a, vector) == pytest.approx(first.apply(vector))
     assert turns.applied(turns.multiply(a, b), vector) == pytest.approx((first * second).apply(vector))
-    assert turns.down(a) == pytest.approx(first.inv().apply([0.0, 0.0, -1.0]))
+    assert turns.projected_gravity(a) == pytest.approx(first.inv().apply([0.0, 0.0, -1.0]))
     assert turns.to_vector(a) == pytest.approx(first.as_rotvec())
     built = Rotation.from_quat(turns.of_vector(vector), scalar_first=True)
     assert built.as_matrix() == pytest.approx(Rotation.from_rotvec(vector).as_matrix())
