@@ -19,6 +19,7 @@ from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
 from .at_once import BreaksAtOnce
 from .base import BaseLayout
+from .disturbances import Disturbances, FreeBase, stand_on_slope, tilt_floor
 from .imu import ImuHistory
 from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
@@ -160,6 +161,15 @@ class BatchEngine:
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self._breaks = BreaksAtOnce(task.robot.name, num_envs)
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
+        self._base = FreeBase.of(model)
+        self.disturbances = Disturbances(num_envs, self._base, self.drawn)
+        self._asked = np.zeros(shape)
+        self._queue = _Queue(self) if "delay.goals" in self.drawn else None
+        if self._generated is not None and {"delay.goals", "lost.goals"} & self.drawn.keys():
+            raise SealegsError(
+                f"{type(task).__name__} gives goals more often than actions, and randomization loses and delays none of "
+                "them: leave delay and lost.goals out, or give action_delay."
+            )
         self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
         self.seed(None)
 
@@ -194,21 +204,26 @@ class BatchEngine:
         return self._observation(self.motion(self._action))[chosen]
 
     def _start(self, chosen: np.ndarray) -> None:
-        task_draws, draws = self.task.draws, self.task.draws + len(self.randomization.draws)
-        drawn = draws + (self._imu is not None)
-        random = np.empty((len(chosen), drawn))
+        task_draws = self.task.draws
+        draws = task_draws + len(self.randomization.draws)
+        random = np.empty((len(chosen), draws + (self._imu is not None) + self.randomization.disturbs))
         for row, number in enumerate(chosen):
-            random[row] = self.generators[number].random(drawn)
+            random[row] = self.generators[number].random(random.shape[1])
         install()  # a library may have taken the callback's place since
         self.batch.reset(chosen, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         for name, values in self.randomization.apply(
             self.drivetrain, self.batch, chosen, random[:, task_draws:draws]
         ).items():
             self.drawn[name][chosen] = values
+        if self.randomization.disturbs:
+            self.disturbances.start(chosen, random[:, -1])
         self._programs = self.batch.expanded("actuator_user")
         qpos, qvel = self._qpos[chosen], self._qvel[chosen]
         goals = self.task.place(self.drivetrain, self.numbers, random[:, :task_draws], qpos, qvel)
         place_followers(self.drivetrain.model, self._followers, qpos)
+        if (turn := self.disturbances.slope(chosen)) is not None and self._base is not None:
+            tilt_floor(self.batch, chosen, turn)
+            stand_on_slope(turn, qpos[:, self._base.qpos : self._base.qpos + 7])
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         if self._imu is not None:
@@ -222,6 +237,9 @@ class BatchEngine:
         else:
             zero, per_action = self._scale()
             self._action[chosen] = np.clip((goals - zero[chosen]) / per_action, -1.0, 1.0)
+        self._asked[chosen] = goals
+        if self._queue is not None:
+            self._queue.start(chosen, goals)
         self._link_before[chosen] = self._link(self._qpos[chosen])
         self._reading_before[chosen] = self._readings()[chosen]
 
@@ -241,15 +259,11 @@ class BatchEngine:
         if action.shape != self._action.shape or not np.isfinite(action).all():
             raise SealegsError(self._refusal(action))
         previous, action = self._action, np.clip(action, -1.0, 1.0)
+        self.disturbances.push(self.steps, self.dt, self._qvel)
         if self._generated is not None:
             self._generated.step(action)
         else:
-            goals = self._goals(action)
-            if self._late:
-                self.simulate(self._late)
-            self._ctrl[:] = goals
-            self.watch()
-            self.simulate(self.substeps - self._late)
+            self._send(self._goals(action))
         self._action = action
         self.steps += 1
         self.world.advance(self.dt)
@@ -292,6 +306,19 @@ class BatchEngine:
             self.batch.step(nstep=steps)
         else:
             self._imu.carry(lambda part: self.batch.step(nstep=part), steps, self._qpos, self._qvel)
+
+    def _send(self, goals: np.ndarray) -> None:
+        """Simulate a control step in which the servos get goals (n, k), in time and all of them or not."""
+        lost = self.disturbances.lost_goals(self.steps)
+        self._asked = goals if lost is None else np.where(lost[:, None], self._asked, goals)
+        if self._queue is not None:
+            self._queue.step(self._asked)
+            return
+        if self._late:
+            self.simulate(self._late)
+        self._ctrl[:] = self._asked
+        self.watch()
+        self.simulate(self.substeps - self._late)
 
     def _goals(self, action: np.ndarray) -> np.ndarray:
         zero, per_action = self._scale()
@@ -343,13 +370,14 @@ class BatchEngine:
         columns = [
             self.drivetrain.reading(name, self._qpos, self._userdata, self._time, self._programs) for name in self.names
         ]
-        return np.stack(columns, axis=1)
+        return self.disturbances.readings(self.steps, np.stack(columns, axis=1), self._reading_before)
 
     def _observation(self, motion: Motion) -> np.ndarray:
+        qpos, qvel = motion.qpos, motion.qvel
         if self._imu is not None:
-            qpos, qvel = self._imu.seen(motion.time, motion.qpos, motion.qvel)
-            motion = replace(motion, qpos=qpos, qvel=qvel)
-        parts = self.task.observe(motion)
+            qpos, qvel = self._imu.seen(motion.time, qpos, qvel)
+        qpos, qvel = self.disturbances.base(self.steps, qpos, qvel)
+        parts = self.task.observe(replace(motion, qpos=qpos, qvel=qvel))
         if not self._sound:
             check_observation(self.task, parts, self.num_envs, self.observation_size)
         observation = np.empty((self.num_envs, self.observation_size), np.float32)
@@ -406,6 +434,35 @@ class _Generated:
 
     def motion(self) -> dict[str, np.ndarray]:
         return {"memory": self._memory, "power": self._power, "qpos_rate": self._qpos_rate}
+
+
+class _Queue:
+    """Goals on their way to the servos, each simulation's as late as its episode drew."""
+
+    def __init__(self, engine: BatchEngine) -> None:
+        self._engine, self._timestep = engine, engine.drivetrain.model.opt.timestep
+        longest = max(draw.high for draw in engine.randomization.draws if draw.group == "delay")
+        steps = round(longest / self._timestep) // engine.substeps + 2
+        self._sent = np.zeros((steps, *engine._asked.shape))  # the newest first
+
+    def start(self, chosen: np.ndarray, goals: np.ndarray) -> None:
+        self._sent[:, chosen] = goals
+
+    def step(self, goals: np.ndarray) -> None:
+        """A control step in which the policy gives ``goals``."""
+        engine = self._engine
+        self._sent = np.concatenate([goals[None], self._sent[:-1]])
+        late = engine.disturbances.late(self._timestep)
+        assert late is not None
+        whole, part = np.divmod(late, engine.substeps)
+        new, now = self._sent[whole, np.arange(len(goals))], 0
+        for at in np.unique(part):
+            if at > now:
+                engine.simulate(int(at - now))
+            engine._ctrl[part == at] = new[part == at]
+            now = at
+        engine.watch()
+        engine.simulate(int(engine.substeps - now))
 
 
 def _late(action_delay: float, timestep: float) -> int:

@@ -1,9 +1,17 @@
-"""Domain randomisation: parameters of chains, bodies and floor that every episode of every simulation draws anew.
+"""Domain randomisation: what every episode of every simulation draws anew, uniform between two values.
 
-hip:    {friction.viscous: [0.25, 0.45]}       chain of one coordinate: stage.parameter, uniform between two values
-all:    {position_p.gain: {times: [0.8, 1.2]}} chains of all coordinates: multiples of their own value
-mass:   {base: [0.9, 1.1]}                     multiples of a body's mass and inertia; all: every body together
-floor:  {friction: [0.6, 1.0]}                 sliding friction of the floor
+hip:     {friction.viscous: [0.25, 0.45]}       chain of one coordinate: stage.parameter
+all:     {position_p.gain: {times: [0.8, 1.2]}} chains of all coordinates: multiples of their own value
+mass:    {base: [0.9, 1.1]}                     multiples of a body's mass and inertia; all: every body together
+centre:  {base.x: [-0.01, 0.01]}                shift of a body's centre of mass along its x, y or z [m]
+gravity: {strength: [9.7, 9.9]}                 [m/s2]
+floor:   {friction: [0.6, 1.0], slope: [0, 0.1]} sliding friction; a slope any way [rad], with the robot upright on it
+push:    {speed: [0, 0.3], interval: [2, 4]}    a push changes the base's speed any way [m/s], once an interval [s]
+noise:   {reading: [0, 0.01]}                   standard deviation of each encoder [rad or m], of the base's tilt
+                                                [rad] and turn_rate [rad/s], new in every control step
+bias:    {reading: [0, 0.02]}                   the same offset for an episode, up to the value either way
+lost:    {goals: [0, 0.05], readings: [0, 0.02]} share of goals (of all servos together) and of replies of a servo
+delay:   {goals: [0, 0.03]}                     of goals, in place of a fixed action_delay [s]
 """
 
 from __future__ import annotations
@@ -20,6 +28,7 @@ from ...actuators import Chain, Drivetrain
 from ...actuators.layout import P_STATE_SIZE
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
+from .disturbances import FreeBase
 from .scene import FLOOR
 
 
@@ -32,8 +41,8 @@ class Draw:
     """One randomised number.
 
     Attributes:
-        group: coordinate, ``mass`` or ``floor``.
-        name: ``stage.parameter``, body, or ``friction``.
+        group: coordinate, or a word of :data:`GROUPS`.
+        name: ``stage.parameter``, body, or a word of the group.
         low: smallest value.
         high: largest value.
     """
@@ -45,6 +54,20 @@ class Draw:
 
 
 Source = Mapping[str, Any] | str | Path | None
+
+FLOORS = {"friction": 0.0, "slope": 0.0}
+RUNNING = {
+    "push": {"speed": 0.0, "interval": 0.1},
+    "noise": {"reading": 0.0, "tilt": 0.0, "turn_rate": 0.0},
+    "bias": {"reading": 0.0, "tilt": 0.0, "turn_rate": 0.0},
+    "lost": {"goals": 0.0, "readings": 0.0},
+    "delay": {"goals": 0.0},
+}
+"""What disturbs a running simulation (:mod:`sealegs.envs.engine.disturbances`): words of each group, and the smallest
+value that one can have."""
+GROUPS = ("mass", "centre", "gravity", "floor", *RUNNING)
+OF_BASE = ("push.speed", "noise.tilt", "noise.turn_rate", "bias.tilt", "bias.turn_rate", "floor.slope")
+"""What only a robot with a free base feels."""
 
 
 class Randomization:
@@ -67,9 +90,14 @@ class Randomization:
         self._nominal = drivetrain.chains
         self._columns = {
             group: [(k, draw) for k, draw in enumerate(self.draws) if draw.group == group]
-            for group in (*drivetrain.chains, "mass", "floor")
+            for group in (*drivetrain.chains, *GROUPS)
         }
         self.chains = {name: self._with_room(name) for name in self._nominal}
+
+    @property
+    def disturbs(self) -> bool:
+        """Whether something of it goes on while a simulation runs, for which an episode needs a key."""
+        return any(draw.group in RUNNING or draw.name == "slope" for draw in self.draws)
 
     def _with_room(self, name: str) -> Chain:
         chain = self._nominal[name]
@@ -109,14 +137,23 @@ class Randomization:
                 for column, draw in self._columns[name]:
                     chain = chain.with_value(draw.name, float(values[row, column]))
                 drivetrain.set_chain(batch, name, chain, int(simulation))
-        if self._columns["mass"]:
-            self._scale_masses(batch, simulations, values)
-        for column, _ in self._columns["floor"]:
-            batch.expand("geom_friction")[simulations, batch.model.geom(FLOOR).id, 0] = values[:, column]
+        if self._columns["mass"] or self._columns["centre"]:
+            self._change_bodies(batch, simulations, values)
+        for column, _ in self._columns["gravity"]:
+            batch.expand("opt.gravity")[simulations, 2] = -values[:, column]
+        for column, draw in self._columns["floor"]:
+            if draw.name == "friction":
+                batch.expand("geom_friction")[simulations, batch.model.geom(FLOOR).id, 0] = values[:, column]
         return {f"{draw.group}.{draw.name}": values[:, column] for column, draw in enumerate(self.draws)}
 
-    def _scale_masses(self, batch: Batch, simulations: np.ndarray, values: np.ndarray) -> None:
+    def _change_bodies(self, batch: Batch, simulations: np.ndarray, values: np.ndarray) -> None:
         model = batch.model
+        for body in {draw.name.rpartition(".")[0] for _, draw in self._columns["centre"]}:
+            number = model.body(body).id
+            batch.expand("body_ipos")[simulations, number] = model.body_ipos[number]
+        for column, draw in self._columns["centre"]:
+            body, _, axis = draw.name.rpartition(".")
+            batch.expand("body_ipos")[simulations, model.body(body).id, "xyz".index(axis)] += values[:, column]
         scale = np.ones((len(simulations), model.nbody))
         for column, draw in self._columns["mass"]:
             chosen = slice(None) if draw.name == "all" else model.body(draw.name).id
@@ -152,7 +189,7 @@ def read_randomization(source: Source) -> Mapping[str, Any]:
 
 
 def _draws(drivetrain: Drivetrain, source: Mapping[str, Any]) -> Iterable[Draw]:
-    groups = [*drivetrain.chains, "all", "mass", "floor"]
+    groups = [*drivetrain.chains, "all", *GROUPS]
     for group, entries in source.items():
         if group not in groups:
             raise RandomizationError(
@@ -167,8 +204,11 @@ def _draws(drivetrain: Drivetrain, source: Mapping[str, Any]) -> Iterable[Draw]:
                 low, high = _range(value, nominal, where)
                 if target == "mass" and low <= 0.0:
                     raise RandomizationError(f"{where} begins at {low:g}; a body has mass: give factors above 0.")
-                if target == "floor" and low < 0.0:
-                    raise RandomizationError(f"{where} begins at {low:g}; friction is never below 0: begin there.")
+                least = {**RUNNING, "floor": FLOORS}.get(target, {}).get(str(name), -np.inf)
+                if low < least:
+                    raise RandomizationError(f"{where} begins at {low:g}; it is never below {least:g}: begin there.")
+                if target == "lost" and high > 1.0:
+                    raise RandomizationError(f"{where} ends at {high:g}; it is a share: end at 1 at most.")
                 yield Draw(target, str(name), low, high)
 
 
@@ -181,12 +221,27 @@ def _nominal(drivetrain: Drivetrain, group: str, name: str, where: str) -> float
                 f"{where}: the robot has no body '{name}'{nearest(name, bodies)}; there are {', '.join(bodies)}."
             )
         return 1.0
+    words = {**RUNNING, "floor": FLOORS, "gravity": {"strength": 0.0}}.get(group)
+    if words is not None and name not in words:
+        raise RandomizationError(f"{where}: there is no '{name}'{nearest(name, words)}; there are {', '.join(words)}.")
+    if f"{group}.{name}" in OF_BASE and FreeBase.of(drivetrain.model) is None:
+        raise RandomizationError(f"{where}: the base of the robot is not free, and feels none; leave it out.")
+    if group == "gravity":
+        return -float(drivetrain.model.opt.gravity[2])
+    if group in RUNNING:
+        return 0.0
+    if group == "centre":
+        body, _, axis = name.rpartition(".")
+        bodies = [drivetrain.model.body(k).name for k in range(1, drivetrain.model.nbody)]
+        if body not in bodies or axis not in ("x", "y", "z"):
+            raise RandomizationError(
+                f"{where} must be a body and an axis, such as {bodies[0]}.x{nearest(name, [f'{b}.x' for b in bodies])}."
+            )
+        return 0.0
     if group == "floor":
-        if name != "friction":
-            raise RandomizationError(f"{where}: of the floor, only 'friction' can vary.")
         if FLOOR not in (drivetrain.model.geom(k).name for k in range(drivetrain.model.ngeom)):
             raise RandomizationError(f"{where}: the robot's model has no geom '{FLOOR}'; leave it out, or add one.")
-        return float(drivetrain.model.geom(FLOOR).friction[0])
+        return float(drivetrain.model.geom(FLOOR).friction[0]) if name == "friction" else 0.0
     return float(drivetrain.chains[group].value(name))
 
 

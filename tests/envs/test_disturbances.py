@@ -1,0 +1,142 @@
+"""What disturbs a simulation while it runs is as large as drawn, alike alone and in a batch, and only where it is asked
+for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sealegs
+from sealegs.common.errors import SealegsError
+from sealegs.envs.any_robot.reach import ReachTask
+from sealegs.envs.any_robot.walk import WalkTask
+from sealegs.envs.engine.batch import BatchEngine
+from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.envs.hexapod.task import HexapodTask
+
+ALL = {
+    "mass": {"all": [0.9, 1.1]},
+    "centre": {"trunk.x": [-0.01, 0.01]},
+    "gravity": {"strength": [9.7, 9.9]},
+    "floor": {"friction": [0.5, 1.0], "slope": [0.0, 0.1]},
+    "push": {"speed": [0.1, 0.3], "interval": [0.1, 0.2]},
+    "noise": {"reading": [0.0, 0.01], "tilt": [0.0, 0.02], "turn_rate": [0.0, 0.1]},
+    "bias": {"reading": [0.0, 0.02], "tilt": [0.0, 0.03], "turn_rate": [0.0, 0.03]},
+    "lost": {"goals": [0.0, 0.3], "readings": [0.0, 0.3]},
+    "delay": {"goals": [0.0, 0.05]},
+}
+
+
+def started(count: int, randomization: Any, task: Any = None) -> BatchEngine:
+    engine = BatchEngine(task or WalkTask(start_noise=0.0), count, randomization=randomization, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    return engine
+
+
+def seen(engine: BatchEngine, steps: int, action: float = 0.0) -> np.ndarray:
+    """Observations (steps, n, size) under a constant action."""
+    actions = np.full((engine.num_envs, len(engine.names)), action)
+    return np.array([engine.step(actions).observation for _ in range(steps)])
+
+
+def test_disturbed_simulations_move_alike_alone_and_in_a_batch() -> None:
+    given = {"cadence": 2.5, "lift": 0.02, "randomization": ALL}
+    many = BatchVecEnv("SeaLegs/Walk-v0", 3, seed=5, **given)
+    singles = [sealegs.make_env("walk", **given) for _ in range(3)]
+    np.testing.assert_array_equal(many.reset(), [env.reset(seed=5 + k)[0] for k, env in enumerate(singles)])
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        action = random.uniform(-0.3, 0.3, (3, 12)).astype(np.float32)
+        many.step_async(action)
+        observed, *_ = many.step_wait()
+        np.testing.assert_array_equal(observed, [env.step(action[k])[0] for k, env in enumerate(singles)])
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"), [("reading", slice(9, 21)), ("turn_rate", slice(6, 9)), ("tilt", slice(3, 5))]
+)
+def test_noise_is_new_in_every_step_and_a_bias_lasts_an_episode(name: str, columns: slice) -> None:
+    plain, noisy, biased = (
+        seen(started(8, change), 70)[20:, :, columns]
+        for change in (None, {"noise": {name: [0.02, 0.02]}}, {"bias": {name: [0.02, 0.02]}})
+    )
+    noise, bias = noisy - plain, biased - plain
+    assert noise.std() == pytest.approx(0.02, rel=0.1) and abs(noise.mean()) < 2e-3
+    assert abs(np.corrcoef(noise[:-1].ravel(), noise[1:].ravel())[0, 1]) < 0.1
+    assert np.ptp(bias, axis=0).max() < 1e-3 and 0.015 < np.abs(bias).max() < 0.0205
+    assert len(np.unique(bias[0].round(5))) > 8
+
+
+def test_a_policy_sees_the_noise_and_the_simulation_moves_without_it() -> None:
+    plain, noisy = (started(2, change) for change in (None, {"noise": {"reading": [0.1, 0.1], "tilt": [0.1, 0.1]}}))
+    assert (seen(plain, 20) != seen(noisy, 20)).any()
+    np.testing.assert_array_equal(plain.batch.bind("qpos"), noisy.batch.bind("qpos"))
+
+
+def test_pushes_come_once_an_interval_and_change_the_speed_of_the_base() -> None:
+    engine = started(1, {"push": {"speed": [0.4, 0.4], "interval": [0.5, 0.5]}})
+    qvel, jumps = engine.batch.bind("qvel"), []
+    for _ in range(100):
+        before = np.hypot(*qvel[0, :2])
+        seen(engine, 1)
+        jumps.append(np.hypot(*qvel[0, :2]) - before > 0.1)
+    assert sum(jumps) == 4 and set(np.diff(np.flatnonzero(jumps))) == {25}
+
+
+def test_lost_goals_leave_the_servos_where_they_were_and_lost_readings_the_host() -> None:
+    engine = started(1, {"lost": {"goals": [1.0, 1.0]}})
+    before = engine.batch.bind("ctrl").copy()
+    seen(engine, 5, 0.5)
+    np.testing.assert_array_equal(engine.batch.bind("ctrl"), before)
+    found = seen(started(1, {"lost": {"readings": [1.0, 1.0]}}), 20, 0.5)[:, 0, 9:21]
+    np.testing.assert_array_equal(found, np.broadcast_to(found[0], found.shape))
+    half = seen(started(1, {"lost": {"readings": [0.5, 0.5]}, "noise": {"reading": [0.01, 0.01]}}), 200)[:, 0, 9:21]
+    assert (np.diff(half, axis=0) == 0.0).mean() == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.006, 0.02, 0.034])
+def test_goals_come_as_late_as_drawn(delay: float) -> None:
+    drawn = started(1, {"delay": {"goals": [delay, delay]}})
+    ctrl, start = drawn.batch.bind("ctrl"), drawn.batch.bind("ctrl").copy()
+    steps = 0
+    while (ctrl == start).all():
+        seen(drawn, 1, 0.5)
+        steps += 1
+    assert steps == int(delay / drawn.dt + 1e-9) + 1
+    if delay < drawn.dt:
+        fixed = BatchEngine(WalkTask(start_noise=0.0), 1, action_delay=delay, autoreset=False)
+        fixed.seed(0)
+        fixed.reset()
+        again = started(1, {"delay": {"goals": [delay, delay]}})
+        np.testing.assert_array_equal(seen(fixed, 10, 0.5), seen(again, 10, 0.5))
+
+
+def test_a_slope_tilts_the_floor_and_the_robot_stands_on_it() -> None:
+    engine = started(6, {"floor": {"slope": [0.15, 0.15], "friction": [1.0, 1.0]}})
+    gravity = engine.reset()[:, 3:6]
+    start = engine.batch.bind("qpos")[:, :3].copy()
+    np.testing.assert_allclose(np.arccos(-gravity[:, 2]), 0.15, atol=1e-4)
+    seen(engine, 50)
+    assert len(np.unique(gravity[:, 0].round(2))) > 3  # any way
+    assert np.linalg.norm(engine.batch.bind("qpos")[:, :3] - start, axis=1).max() < 0.03  # it does not slide
+
+
+def test_gravity_and_centres_of_mass_are_as_drawn() -> None:
+    engine = started(3, {"gravity": {"strength": [5.0, 15.0]}, "centre": {"trunk.x": [-0.02, 0.02]}})
+    seen(engine, 50)
+    feet = tuple(name for name in engine.world.touchable() if name.endswith("shank"))
+    forces = engine.world.contact_force(feet).sum(axis=1)[:, 2]
+    np.testing.assert_allclose(forces, 1.318 * engine.drawn["gravity.strength"], rtol=0.03)
+    model, batch = engine.drivetrain.model, engine.batch
+    shift = batch.expand("body_ipos")[:, model.body("trunk").id] - model.body("trunk").ipos
+    np.testing.assert_allclose(shift[:, 0], engine.drawn["centre.trunk.x"])
+    np.testing.assert_allclose(shift[:, 1:], 0.0)
+
+
+def test_encoders_of_any_robot_are_noisy_and_a_gait_generator_takes_no_delays() -> None:
+    change = {"noise": {"reading": [0.05, 0.05]}}
+    assert np.std(seen(started(2, change, ReachTask()), 50)[:, :, 1]) > 0.04
+    with pytest.raises(SealegsError, match="gives goals more often than actions"):
+        started(1, {"delay": {"goals": [0.0, 0.01]}}, HexapodTask())
