@@ -19,7 +19,7 @@ from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
 from .at_once import BreaksAtOnce
 from .base import BaseLayout
-from .disturbances import Disturbances, FreeBase, stand_on_slope, tilt_floor
+from .disturbances import Disturbances, stand_on_slope, tilt_floor
 from .imu import ImuHistory
 from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
@@ -161,13 +161,12 @@ class BatchEngine:
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self._breaks = BreaksAtOnce(task.robot.name, num_envs)
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
-        self._base = FreeBase.of(model)
         self.disturbances = Disturbances(num_envs, self._base, self.drawn)
         self._asked = np.zeros(shape)
         self._queue = _Queue(self) if "delay.goals" in self.drawn else None
         if self._generated is not None and {"delay.goals", "lost.goals"} & self.drawn.keys():
             raise SealegsError(
-                f"{type(task).__name__} gives goals more often than actions, and randomization loses and delays none of "
+                f"{type(task).__name__} gives goals more often than actions, and randomization can neither lose nor delay "
                 "them: leave delay and lost.goals out, or give action_delay."
             )
         self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
@@ -223,7 +222,7 @@ class BatchEngine:
         place_followers(self.drivetrain.model, self._followers, qpos)
         if (turn := self.disturbances.slope(chosen)) is not None and self._base is not None:
             tilt_floor(self.batch, chosen, turn)
-            stand_on_slope(turn, qpos[:, self._base.qpos : self._base.qpos + 7])
+            stand_on_slope(turn, qpos[:, self._base[0] : self._base[0] + 7])
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
         if self._imu is not None:

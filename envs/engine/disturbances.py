@@ -8,33 +8,20 @@ and alike in a batch and alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from scipy.special import ndtri
 
+from . import keyed
 from .scene import FLOOR
 
 READING, TILT, TURN_RATE, LOST_READING, LOST_GOAL, PUSH, SLOPE, BIAS = range(8)
 """Streams of random numbers; those of biases are beyond the last."""
 COLUMNS = 1024  # of a stream
+SMALLEST = 2.0**-54  # in place of a uniform number that is 0, for a quantile
 PUSH_INTERVAL = 3.0  # [s] where none is given; assumed
-
-
-@dataclass(frozen=True)
-class FreeBase:
-    """Where the free joint of a robot's base begins in positions and in speeds."""
-
-    qpos: int
-    dof: int
-
-    @classmethod
-    def of(cls, model: mujoco.MjModel) -> FreeBase | None:
-        """That of the first free joint; None: there is none."""
-        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        return cls(int(model.jnt_qposadr[free[0]]), int(model.jnt_dofadr[free[0]])) if len(free) else None
 
 
 class Disturbances:
@@ -45,14 +32,14 @@ class Disturbances:
         keys: of the running episodes (n,).
     """
 
-    def __init__(self, count: int, base: FreeBase | None, drawn: Mapping[str, np.ndarray]) -> None:
-        """Without a key, nothing is drawn."""
+    def __init__(self, count: int, base: tuple[int, int] | None, drawn: Mapping[str, np.ndarray]) -> None:
+        """``base``: where the free joint begins in positions and in speeds; None: there is none."""
         self.drawn, self._base = drawn, base
         self.keys = np.zeros(count, np.uint64)
 
     def start(self, chosen: np.ndarray, random: np.ndarray) -> None:
         """Episodes begin in ``chosen`` (m,), with uniform numbers in [0, 1), (m,)."""
-        self.keys[chosen] = (random * 2.0**53).astype(np.uint64)
+        self.keys[chosen] = keyed.key_of(random)
 
     # --- what the robot feels ------------------------------------------------------------------------------------
 
@@ -66,7 +53,7 @@ class Disturbances:
         due = (number > np.floor((steps - 1) * dt / interval + phase)) & (steps > 0)
         way = 2.0 * np.pi * self._uniform(number.astype(np.int64), PUSH, 2)[:, 1]
         for k, part in enumerate((np.cos(way), np.sin(way))):
-            qvel[:, self._base.dof + k] += np.where(due, speed * part, 0.0)
+            qvel[:, self._base[1] + k] += np.where(due, speed * part, 0.0)
 
     def slope(self, chosen: np.ndarray) -> np.ndarray | None:
         """Turn of the floor of some simulations as quaternions (m, 4); None: it is level."""
@@ -102,14 +89,14 @@ class Disturbances:
         if self._base is None:
             return qpos, qvel
         if {"noise.tilt", "bias.tilt"} & self.drawn.keys():
-            at, half = self._base.qpos + 3, 0.5 * self._off(steps, "tilt", TILT, 2)
+            at, half = self._base[0] + 3, 0.5 * self._off(steps, "tilt", TILT, 2)
             w, x, y, z = (qpos[:, at + k] for k in range(4))
             a, b = half[:, 0], half[:, 1]  # a small turn about the base's x and y, after its own
             qpos = qpos.copy()
             turned = (w - a * x - b * y, x + a * w - b * z, y + b * w + a * z, z + b * x - a * y)
             qpos[:, at : at + 4] = np.stack(turned, axis=1) / np.sqrt(1.0 + a * a + b * b)[:, None]
         if {"noise.turn_rate", "bias.turn_rate"} & self.drawn.keys():
-            at, qvel = self._base.dof + 3, qvel.copy()
+            at, qvel = self._base[1] + 3, qvel.copy()
             qvel[:, at : at + 3] += self._off(steps, "turn_rate", TURN_RATE, 3)
         return qpos, qvel
 
@@ -117,17 +104,15 @@ class Disturbances:
         """Noise of this step and bias of this episode (n, columns)."""
         found: np.ndarray | float = 0.0
         if (size := self.drawn.get(f"noise.{name}")) is not None:
-            found = found + size[:, None] * ndtri(self._uniform(steps, stream, columns))
+            found = found + size[:, None] * ndtri(np.maximum(self._uniform(steps, stream, columns), SMALLEST))
         if (size := self.drawn.get(f"bias.{name}")) is not None:
             whole = self._uniform(np.zeros_like(steps), BIAS + stream, columns)
             found = found + size[:, None] * (2.0 * whole - 1.0)
         return found
 
     def _uniform(self, steps: np.ndarray, stream: int, columns: int) -> np.ndarray:
-        """Numbers above 0 and below 1 (n, columns)."""
-        places = np.uint64(stream * COLUMNS) + np.arange(columns, dtype=np.uint64)
-        mixed = _mixed(_mixed(self.keys + _mixed(steps.astype(np.uint64)))[:, None] + places)
-        return ((mixed >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53
+        """Uniform in [0, 1) (n, columns)."""
+        return keyed.uniform(self.keys[:, None], steps[:, None], stream * COLUMNS + np.arange(columns))
 
 
 def tilt_floor(batch: Batch, chosen: np.ndarray, turn: np.ndarray) -> None:
@@ -142,11 +127,3 @@ def stand_on_slope(turn: np.ndarray, pose: np.ndarray) -> None:
     for row, by in zip(pose, turn, strict=True):
         mujoco.mju_rotVecQuat(row[:3], row[:3].copy(), by)
         mujoco.mju_mulQuat(row[3:7], by, row[3:7].copy())
-
-
-def _mixed(values: np.ndarray) -> np.ndarray:
-    """A hash of whole numbers: splitmix64 (Steele, Lea, Flood, 2014)."""
-    values = values + np.uint64(0x9E3779B97F4A7C15)
-    values = (values ^ (values >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    values = (values ^ (values >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return values ^ (values >> np.uint64(31))

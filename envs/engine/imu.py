@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from . import turns
+from . import keyed, turns
 
 GIVES = ("roll", "pitch", "yaw")
 """Quantities of the free joint (:mod:`sealegs.envs.engine.base`) that the IMU measures, and their rates."""
 COLUMNS = ("imu.w", "imu.x", "imu.y", "imu.z", "imu.turn_x", "imu.turn_y", "imu.turn_z", "imu.age")
 """Of ``base.*`` in a log: quaternion of the base in the world, turn rate about the base's axes [rad/s], and how long
 before the row the sample came [s]. Cells of a row without a new sample are empty."""
-KEYS = 2**53  # IMUs that can be told apart
 OF_ALL = -(2**62)  # in place of the number of a sample: what all samples of an IMU share
 
 
@@ -80,7 +79,7 @@ class Imu:
 
         The clock of an IMU is its own: its samples lie anywhere in its period, as its key (...) says.
         """
-        phase = _uniform(key, np.zeros_like(key), 0)
+        phase = keyed.uniform(key, np.zeros_like(key), 0)
         number = np.floor((np.asarray(time) - self.delay) * self.rate - phase + 1e-9)
         return number.astype(np.int64), (number + phase) / self.rate
 
@@ -98,7 +97,7 @@ class Imu:
         Returns:
             The same two, with noise and bias; in the base's axes.
         """
-        bias, noise = _normal(key, np.full_like(np.asarray(number), OF_ALL), 6), _normal(key, number, 6)
+        bias, noise = keyed.normal(key, np.full_like(np.asarray(number), OF_ALL), 6), keyed.normal(key, number, 6)
         error = self.bias.orientation * bias[..., :3] + self.noise.orientation * noise[..., :3]
         rate = turn_rate + self.bias.turn_rate * bias[..., 3:] + self.noise.turn_rate * noise[..., 3:]
         return turns.multiply(orientation, turns.of_vector(error)), rate
@@ -117,11 +116,6 @@ class Imu:
         """How far a base (..., 4) leans from where it stands upright (...) [rad]."""
         along = (turns.projected_gravity(orientation) * turns.projected_gravity(np.array(self.upright))).sum(axis=-1)
         return np.arccos(np.clip(along, -1.0, 1.0))
-
-
-def key_of(uniform: np.ndarray) -> np.ndarray:
-    """Keys of IMUs (...) from uniform numbers in [0, 1)."""
-    return (np.asarray(uniform) * KEYS).astype(np.uint64)
 
 
 class ImuHistory:
@@ -148,7 +142,7 @@ class ImuHistory:
 
     def begin(self, chosen: np.ndarray, uniform: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """New episodes in some simulations, which stood as they stand; ``uniform`` (m,) draws their IMUs."""
-        self.keys[chosen] = key_of(uniform)
+        self.keys[chosen] = keyed.key_of(uniform)
         self._states[:, chosen] = self._state(qpos[chosen], qvel[chosen])
 
     def carry(self, step: Callable[[int], None], steps: int, qpos: np.ndarray, qvel: np.ndarray) -> None:
@@ -185,32 +179,3 @@ class ImuHistory:
     def _state(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         at, dof = self._places
         return np.concatenate([qpos[:, at + 3 : at + 7], qvel[:, dof + 3 : dof + 6]], axis=1)
-
-
-# --- numbers that look drawn, and follow from key, number and column ------------------------------------------------
-
-
-def _mixed(value: np.ndarray) -> np.ndarray:
-    """SplitMix64's output function (Steele, Lea and Flood, 2014)."""
-    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return value ^ (value >> np.uint64(31))
-
-
-def _uniform(key: np.ndarray, number: np.ndarray, column: int) -> np.ndarray:
-    """Uniform in [0, 1) (...)."""
-    step = np.uint64(0x9E3779B97F4A7C15)
-    with np.errstate(over="ignore"):
-        value = _mixed(np.asarray(key, np.uint64) + step)
-        value = _mixed(value + np.asarray(number).astype(np.int64).astype(np.uint64) * step)
-        value = _mixed(value + np.uint64(column + 1) * step)
-    return (value >> np.uint64(11)) / float(KEYS)
-
-
-def _normal(key: np.ndarray, number: np.ndarray, columns: int) -> np.ndarray:
-    """Standard normal (..., columns)."""
-    found = []
-    for column in range(columns):
-        radius = np.sqrt(-2.0 * np.log1p(-_uniform(key, number, 2 * column)))
-        found.append(radius * np.cos(2.0 * np.pi * _uniform(key, number, 2 * column + 1)))
-    return np.stack(found, axis=-1)

@@ -28,7 +28,7 @@ from ...actuators import Chain, Drivetrain
 from ...actuators.layout import P_STATE_SIZE
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
-from .disturbances import FreeBase
+from .base import BaseLayout
 from .scene import FLOOR
 
 
@@ -224,7 +224,7 @@ def _nominal(drivetrain: Drivetrain, group: str, name: str, where: str) -> float
     words = {**RUNNING, "floor": FLOORS, "gravity": {"strength": 0.0}}.get(group)
     if words is not None and name not in words:
         raise RandomizationError(f"{where}: there is no '{name}'{nearest(name, words)}; there are {', '.join(words)}.")
-    if f"{group}.{name}" in OF_BASE and FreeBase.of(drivetrain.model) is None:
+    if f"{group}.{name}" in OF_BASE and _base(drivetrain) is None:
         raise RandomizationError(f"{where}: the base of the robot is not free, and feels none; leave it out.")
     if group == "gravity":
         return -float(drivetrain.model.opt.gravity[2])
@@ -243,6 +243,10 @@ def _nominal(drivetrain: Drivetrain, group: str, name: str, where: str) -> float
             raise RandomizationError(f"{where}: the robot's model has no geom '{FLOOR}'; leave it out, or add one.")
         return float(drivetrain.model.geom(FLOOR).friction[0]) if name == "friction" else 0.0
     return float(drivetrain.chains[group].value(name))
+
+
+def _base(drivetrain: Drivetrain) -> tuple[int, int] | None:
+    return BaseLayout.of_model(drivetrain.model, range(drivetrain.model.njnt)).base
 
 
 def _range(value: Any, nominal: float, where: str) -> tuple[float, float]:

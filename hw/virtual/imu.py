@@ -13,7 +13,8 @@ from ...common.errors import SealegsError, nearest
 from ...configs.check import NotNegative, Positive, checked
 from ...envs.engine import turns
 from ...envs.engine.base import quaternion
-from ...envs.engine.imu import Imu, key_of
+from ...envs.engine.imu import Imu
+from ...envs.engine.keyed import key_of
 from ..bus.imu import ImuSample
 
 KEPT = 1000  # samples that nobody has fetched

@@ -15,7 +15,8 @@ from sealegs.envs.any_robot.user import user_id
 from sealegs.envs.contract import task_of
 from sealegs.envs.engine import turns
 from sealegs.envs.engine.batch import BatchEngine
-from sealegs.envs.engine.imu import Imu, Spread, key_of
+from sealegs.envs.engine.imu import Imu, Spread
+from sealegs.envs.engine.keyed import key_of
 from sealegs.envs.robots import get_robot
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"

@@ -75,7 +75,7 @@ def installed(wheel: Path) -> Stranger:
 
 def shipped() -> set[str]:
     """Files of the checkout that belong into the package, as they are called there."""
-    kinds = (".py", ".yaml", ".npz", ".j2", ".css", ".typed")
+    kinds = (".py", ".yaml", ".xml", ".npz", ".j2", ".css", ".typed")
     names = {f"sealegs/{name}" for name in ("__init__.py", "__main__.py", "py.typed")}
     for part in PARTS:
         for file in (REPOSITORY / part).rglob("*"):
