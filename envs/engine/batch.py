@@ -166,8 +166,8 @@ class BatchEngine:
         self._queue = _Queue(self) if "delay.goals" in self.drawn else None
         if self._generated is not None and {"delay.goals", "lost.goals"} & self.drawn.keys():
             raise SealegsError(
-                f"{type(task).__name__} gives goals more often than actions, and randomization can neither lose nor delay "
-                "them: leave delay and lost.goals out, or give action_delay."
+                f"{type(task).__name__} gives goals more often than actions, and randomization can neither lose "
+                "nor delay them: leave delay and lost.goals out, or give action_delay."
             )
         self.generators = [np.random.Generator(np.random.PCG64())] * num_envs
         self.seed(None)
