@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from scipy.special import ndtri
 
-from . import keyed
+from . import keyed, turns
 from .scene import FLOOR
 
 READING, TILT, TURN_RATE, LOST_READING, LOST_GOAL, PUSH, SLOPE, BIAS = range(8)
@@ -124,6 +123,5 @@ def tilt_floor(batch: Batch, chosen: np.ndarray, turn: np.ndarray) -> None:
 
 def stand_on_slope(turn: np.ndarray, pose: np.ndarray) -> None:
     """Turn bases (m, 7), place and quaternion, about the world's origin by quaternions (m, 4)."""
-    for row, by in zip(pose, turn, strict=True):
-        mujoco.mju_rotVecQuat(row[:3], row[:3].copy(), by)
-        mujoco.mju_mulQuat(row[3:7], by, row[3:7].copy())
+    pose[:, :3] = turns.applied(turn, pose[:, :3])
+    pose[:, 3:] = turns.multiply(turn, pose[:, 3:])
