@@ -99,9 +99,9 @@ class Disturbances:
             qvel[:, at : at + 3] += self._off(steps, "turn_rate", TURN_RATE, 3)
         return qpos, qvel
 
-    def _off(self, steps: np.ndarray, name: str, stream: int, columns: int) -> np.ndarray | float:
+    def _off(self, steps: np.ndarray, name: str, stream: int, columns: int) -> np.ndarray:
         """Noise of this step and bias of this episode (n, columns)."""
-        found: np.ndarray | float = 0.0
+        found = np.zeros((len(steps), columns))
         if (size := self.drawn.get(f"noise.{name}")) is not None:
             found = found + size[:, None] * ndtri(np.maximum(self._uniform(steps, stream, columns), SMALLEST))
         if (size := self.drawn.get(f"bias.{name}")) is not None:
