@@ -11,6 +11,7 @@ from ..measure.case import Case, Replay
 from ..measure.confidence import THRESHOLDS
 from ..measure.measured import Measured, measure
 from ..prepare.request import Request
+from ..search.latency import NUMBER
 from ..search.structure import listed, told_in
 from ..verdict.decide import decide
 from ..verdict.evidence import Replayed
@@ -86,6 +87,7 @@ def with_robot(
         request.progress(f"judging {', '.join(asked)} with what the robot was found to have")
     now = {diagnosis.joint: diagnosis for diagnosis in again(asked)} if asked else {}
     judged = [beside_before(now[one.joint], one, said) if one.joint in now else one for one in found]
+    measured = sought.by_effect(measured, "" if request.latency is None else NUMBER)
     return [*judged, _of_robot(sought, measured, values)]
 
 

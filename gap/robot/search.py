@@ -18,8 +18,9 @@ from ..load.robot import LoggedRobot
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
+from ..measure.measured import Measured
 from ..replay.flattened import flattened
-from ..replay.parameters import BAR, Parameter
+from ..replay.parameters import BAR, Parameter, address
 from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import merge, middle
@@ -71,6 +72,30 @@ class SharedFound:
             found[joint] = float(problem.block_errors(simulated[at : at + len(problem.time)]).sum())
             at += len(problem.time)
         return found
+
+    def by_effect(self, measured: Measured, number: str = "") -> Measured:
+        """What was measured, its shares split by how far all joints move where each part is put back to what is
+        believed.
+
+        What a fit without a cause leaves is no measure of it here: other bodies and frictions of the joints make up for
+        most of a payload.
+
+        Args:
+            measured: of the robot.
+            number: of each joint's chain that has a share of its own, ``shared_share``; empty: none.
+        """
+        full = middle(*self.search.fits)
+        parts = [set(cause.parameters) for cause in measured.causes]
+        parts.append({path for path in full if number and address(path).joint and address(path).own == number})
+        parts.append(set(full).difference(*parts))
+        rows = [{path: x for path, x in full.items() if path not in part} for part in parts]
+        here, *others = self.problem.residual(self.problem.simulate([full, *rows]))
+        effects = np.array([np.mean((other - here) ** 2) for other in others])
+        explained = measured.tuned_share + sum(cause.share for cause in measured.causes)
+        *shares, shared, tuned = explained * effects / max(effects.sum(), 1e-300)
+        causes = [replace(cause, share=float(x)) for cause, x in zip(measured.causes, shares, strict=True)]
+        causes = tuple(sorted(causes, key=lambda cause: -cause.share))
+        return replace(measured, causes=causes, shared_share=float(shared), tuned_share=float(tuned))
 
     def more(self, joint: str, values: Mapping[str, float]) -> list[Array] | None:
         """What numbers of the robot add to the terms of a joint in each run (samples, T_SIZE); None where nothing."""

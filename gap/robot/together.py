@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,13 +17,14 @@ from ..replay.problem import NOISE_FLOORS
 from ..search.forward import NUMERICAL
 from ..search.latency import DELAY, NUMBER, Latency, latency_of
 from ..search.look import Look, look
-from ..search.structure import fine
+from ..search.structure import fine, listed
 from ..verdict.evidence import Refused
 from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Verdict
+from ..verdict.words import certainty, subject
 from .search import ROBOT
 
 SENTENCE = "Commands take effect at another time than the model believes, at all joints alike: the bus."
-MOSTLY = 0.5  # of a joint's gap, from which what joints share is told first
+MOSTLY = 0.5  # of the gaps of all joints, from which what they share explains them
 Replayed = Callable[[str], Replay | Refused | None]
 """Gives the replay of a joint; None where it has no commands."""
 
@@ -96,20 +97,22 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
         shared={NUMBER: DELAY},
         reasons=(reason, *diagnosis.reasons),
     )
-    if share < MOSTLY:
+    others = max([diagnosis.unexplained, *(cause.share for cause in diagnosis.causes)])
+    if share <= others:
         return diagnosis
-    if any(reason.code == "outweighed" for reason in diagnosis.reasons):  # numbers of its own are not what does most
-        rest = diagnosis.sentence.partition("; ")[2]
-        what = f"The latency of all joints explains {100.0 * share:.0f} % of the gap of '{diagnosis.joint}'"
-        return diagnosis.changed(sentence=f"{what}; {rest}")
-    if diagnosis.verdict != NOTHING:
-        return diagnosis
-    errors = [diagnosis.gap[name].rmse for name in ("nominal", "extended")]
-    sentence = (
-        f"The latency of all joints, {1e3 * found.value:.1f} ms, explains the gap of '{diagnosis.joint}': error "
-        f"{fine(errors[0], diagnosis.unit)} to {fine(errors[1], diagnosis.unit)}."
-    )
-    return diagnosis.changed(verdict=EXPLAINED, sentence=sentence)
+    lead = f"The latency of all joints, {1e3 * found.value:.1f} ms, explains"
+    named = ""
+    if diagnosis.causes:
+        own = 100.0 * sum(cause.share for cause in diagnosis.causes)
+        named = f", {subject(diagnosis.causes)} {own:.0f} % ({certainty(diagnosis.causes)})"
+    errors = [fine(diagnosis.gap[name].rmse, diagnosis.unit) for name in ("nominal", "extended")]
+    rest = diagnosis.measured.structure
+    left = f", {fine(rest.rms, rest.unit, 2)} unexplained" if rest is not None and rest.noticed else ""
+    fell = f"error {errors[0]} to {errors[1]}{left}"
+    sentence = f"{lead} {100.0 * share:.0f} % of the gap of '{diagnosis.joint}'{named}: {fell}."
+    alone = diagnosis.verdict == NOTHING or diagnosis.said.because("blind")  # nothing of the joint's own is open
+    verdict = EXPLAINED if alone else diagnosis.verdict
+    return diagnosis.changed(verdict=verdict, sentence=sentence)
 
 
 def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> list[JointDiagnosis]:
@@ -136,19 +139,29 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
         kind="number",
         standing=standing(found.confidence, ()),
     )
-    sentence = f"All joints: {told(found)}, {100.0 * share:.0f} % of the gap."
     known = next((one for one in diagnoses if one.joint == ROBOT), None)
     if known is not None:
-        causes = tuple(sorted((cause, *known.causes), key=lambda named: -named.share))
-        joined = known.changed(causes=causes, reasons=(Reason("shared", sentence), *known.reasons))
-        return [joined if one is known else one for one in diagnoses]
+        return [_with_latency(one, cause, found) if one is known else one for one in diagnoses]
+    sentence = f"All joints: {told(found)}, {100.0 * share:.0f} % of the gap."
     reason = Reason("shared", f"It is of the same size at {', '.join(found.joints)}.")
     measured = Measured(
         gap={name: Error(size, size) for name, size in {**sizes, "noise_floor": 1.0}.items()},
         unexplained=max(1.0 - share, 0.0),
         causes=(cause,),
-        shared_share=share,
     )
     case = Case(ROBOT, signal=f"{ROBOT}.position", unit=NOISE_FLOORS)
     said = Verdict(EXPLAINED if share >= MOSTLY else PARTLY, sentence, (reason,))
     return [*diagnoses, JointDiagnosis(case, said, measured)]
+
+
+def _with_latency(robot: JointDiagnosis, cause: NamedCause, found: Latency) -> JointDiagnosis:
+    """What is said of the robot, with the latency among its causes; the one that does most comes first."""
+    cause = replace(cause, share=robot.shared_share, gain=robot.shared_share)
+    causes = tuple(sorted((cause, *robot.causes), key=lambda one: -one.share))
+    others = listed([f"{one.name} {100.0 * one.share:.0f} %" for one in robot.causes])
+    late = f"{told(found)}, {100.0 * cause.share:.0f} % of the gap"
+    sentence = f"All joints: {late}; beside it {others} ({certainty(robot.causes)})."
+    if causes[0] is not cause:
+        sentence = f"{robot.sentence.removesuffix('.')}; beside it the {late}."
+    reasons = (Reason("shared", f"All joints: {late}."), *robot.reasons)
+    return robot.changed(causes=causes, sentence=sentence, shared_share=0.0, reasons=reasons)

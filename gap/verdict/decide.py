@@ -8,7 +8,7 @@ the order in which they apply:
 3. no cause, but structure, or causes that unseen data refuted: not identifiable (a joint of a robot at the noise may
    have slight structure, of the bodies beside it, and one that no goal holds what adds up in its replay);
 4. no cause is sure, and together they do less than what has no name beside them: that comes first, and not
-   identifiable;
+   identifiable; the same is told first, as partly explained, where causes are sure;
 5. a rival beside a cause of low confidence: partly explained where another cause is certain; else not identifiable
    (the largest cause, or no structure is left);
 6. structure is left and the causes remove little, or none is more than a guess: not identifiable;
@@ -30,7 +30,6 @@ from .evidence import Evidence, Refused, Replayed
 from .verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, WORST_FIRST, Reason, Verdict
 from .words import also, certainty, change, fall, firmly, is_guess, levels, open_reason, size, some, subject, verb
 
-TUNED_FIRST_SHARE = 0.5  # of what is explained, from which what tuned numbers do is told first
 TOLD_CHANGE = 5e-3  # change of a number below which no one is told of it
 TOLD_UNEXPLAINED_SHARE = 0.2  # of the gap, from which it is told beside rivals how much stays unexplained
 MAX_SENTENCE_WORDS = 25  # of the sentence that a verdict is told in
@@ -258,6 +257,15 @@ def _numbers(found: Replayed) -> float:
     return 1.0 - found.measured.left - _named(found)
 
 
+def _beside_numbers(found: Replayed, causes: Sequence[NamedCause]) -> tuple[str, str]:
+    """Causes as a subject with its verb, behind the numbers of the model where these do more."""
+    if _numbers(found) <= _named(found):
+        return subject(causes), verb(causes, "explains", "explain")
+    names = subject(causes)
+    numbers = "Refitted numbers" if found.measured.beside else "Tuned numbers"
+    return f"{numbers}{', ' if ' and ' in names else ' and '}{names}", "explain"
+
+
 def _outweighed(found: Replayed) -> Verdict:
     """What has no name does more than all that has one, and is told before it."""
     numbers = "Refitted numbers" if found.measured.beside else "Tuned numbers"
@@ -332,12 +340,8 @@ def _guessed(found: Replayed) -> Verdict:
 
 def _explained(found: Replayed) -> Verdict:
     causes, (firm, doubted) = found.causes, firmly(found.causes)
-    told = f"{subject(firm)} {verb(firm, 'explains', 'explain')}"
-    if 1.0 - found.measured.left - sum(cause.share for cause in causes) > TUNED_FIRST_SHARE * (
-        1.0 - found.measured.left
-    ):
-        told = f"Tuned numbers and {subject(firm)} explain"
-    sentence = f"{told} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
+    who, does = _beside_numbers(found, firm)
+    sentence = f"{who} {does} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
     names = listed([cause.name for cause in causes])
     reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
     if found.structure.noticed and found.measured.adrift is not None and found.measured.only_starts():
@@ -350,10 +354,15 @@ def _explained(found: Replayed) -> Verdict:
 def _partly(found: Replayed, sure: bool) -> Verdict:
     """What stays is told by its size, which is never zero where structure is noticed."""
     causes, rest, (firm, doubted) = found.causes, found.structure, firmly(found.causes)
+    who, does = _beside_numbers(found, firm)
+    how_sure = certainty(firm if who == subject(firm) else firm[:1])  # or the sentence gets too long
     sentence = (
-        f"{subject(firm)} partly {verb(firm, 'explains', 'explain')} the gap of '{found.joint}': error "
-        f"{fall(found)}, {size(rest.rms, rest.unit)} unexplained, {certainty(firm)}{doubted}."
+        f"{who} partly {does} the gap of '{found.joint}': error {fall(found)}, {size(rest.rms, rest.unit)} "
+        f"unexplained, {how_sure}{doubted}."
     )
+    if (left := found.measured.left) > max(_named(found), _numbers(found)):
+        shares = f"{100.0 * left:.0f} % of the gap of '{found.joint}', {subject(firm)} {100.0 * _named(found):.0f} %"
+        sentence = f"No known cause explains {shares}: error {fall(found)}, {certainty(firm)}{doubted}."
     doubt = "" if sure else f", if {'that is the cause' if len(causes) == 1 else 'those are the causes'} at all"
     names = listed([cause.name for cause in causes])
     return Verdict(

@@ -338,6 +338,16 @@ def test_a_joint_of_a_robot_at_the_noise_has_nothing_to_explain_in_spite_of_slig
     assert decide(with_measured(right, open_causes=(taken_out,))).name == NOT_IDENTIFIABLE
 
 
+def test_a_sure_cause_is_not_told_before_what_does_more_than_it() -> None:
+    """It read "drive.delay partly explains" where 60 % of the gap had no cause, and where numbers did most."""
+    rest = decide(replayed(cause(share=0.3), level=20.0, left=0.6, after=0.0155, tuned=0.02))
+    assert rest.name == PARTLY and rest.sentence.startswith("No known cause explains 60 % of the gap of 'servo', drive")
+    numbers = decide(replayed(cause(share=0.3), level=2.0, left=0.1, after=0.006))
+    assert numbers.name == PARTLY and numbers.sentence.startswith("Tuned numbers and drive.delay partly explain")
+    alone = decide(replayed(cause(share=0.6), level=2.0, left=0.1, after=0.006))
+    assert alone.sentence.startswith("drive.delay partly explains")
+
+
 def test_beside_refitted_numbers_causes_are_feeble_by_all_data_that_no_fit_saw() -> None:
     """An acceleration limit took a joint from 44 to 5.4 mrad, and was said to remove little: refitting reached 5.0."""
     little = replayed(cause(sure=0.7), level=9.0, left=0.2, after=0.0095)

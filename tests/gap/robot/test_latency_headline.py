@@ -1,0 +1,102 @@
+"""What all joints share comes first where it does most, at a joint and of the robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.gap.measure.case import Case
+from sealegs.gap.measure.measured import Measured
+from sealegs.gap.measure.named import CERTAIN, Error, NamedCause, Value
+from sealegs.gap.robot.search import ROBOT, SharedFound
+from sealegs.gap.robot.together import beside_latency, with_latency
+from sealegs.gap.search.latency import NUMBER, Latency
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
+
+LATE = Latency(0.0243, 0.0236, 0.025, 0.005, ("pan", "tilt"), 1.0)
+NOISE, BEFORE, AFTER = 1e-3, 80e-3, 30e-3
+
+
+def cause(name: str, share: float, joint: str = "pan") -> NamedCause:
+    return NamedCause(name, "", joint, share, 0.99, {}, 0.5, "effect", standing=CERTAIN)
+
+
+def judged(joint: str, *causes: NamedCause, sentence: str, **more: Any) -> JointDiagnosis:
+    """A joint whose replay is 80 mrad off as believed, 30 mrad with the latency, and at the noise with all."""
+
+    def simulate(rows: list[dict[str, float]]) -> np.ndarray:
+        return np.array([[AFTER if NUMBER in row else BEFORE] for row in rows])
+
+    problem = SimpleNamespace(simulate=simulate, position_error=lambda row: row)
+    replay: Any = SimpleNamespace(problem=problem)
+    sizes = {"nominal": BEFORE, "refitted": BEFORE, "extended": NOISE, "noise_floor": NOISE}
+    known: dict[str, Any] = {
+        "verdict": EXPLAINED, "tuned_share": 0.93, "unexplained": 0.0, "values": {NUMBER: LATE.value}
+    }  # fmt: skip
+    return JointDiagnosis.of(
+        case=Case(joint, signal=f"{joint}.position", unit="rad", replay=replay),
+        gap={name: Error(size, size) for name, size in sizes.items()},
+        causes=causes,
+        sentence=sentence,
+        **(known | more),
+    )
+
+
+def test_a_latency_that_does_most_comes_before_a_cause_of_the_joint() -> None:
+    """It read "tuned numbers and friction.load_dependent explain the gap of 'pan'", of which the bus had 87 %."""
+    numbers = "Tuned numbers and friction.load_dependent explain the gap of 'pan'."
+    found = beside_latency(judged("pan", cause("friction.load_dependent", 0.06), sentence=numbers), LATE)
+    assert found.shared_share == pytest.approx(0.86, abs=0.01)
+    assert found.sentence == (
+        "The latency of all joints, 24.3 ms, explains 86 % of the gap of 'pan', friction.load_dependent 6 % "
+        "(confidence 99 %): error 80.0 mrad to 1.0 mrad."
+    )
+
+
+def test_a_cause_that_does_more_than_the_latency_stays_first() -> None:
+    said = "friction.load_dependent explains the gap of 'pan'."
+    strong = judged("pan", cause("friction.load_dependent", 0.7), sentence=said, tuned_share=0.3)
+    assert beside_latency(strong, LATE).sentence == said
+
+
+def test_a_joint_that_only_the_latency_moves_is_explained_by_it_whatever_its_motion_hides() -> None:
+    blind = (Reason("blind", "But the motion is so poor that it would hardly show contact.blocked."),)
+    poor = judged("tilt", sentence="Within 1 mrad, but ...", verdict=NOT_IDENTIFIABLE, reasons=blind)
+    found = beside_latency(poor, LATE)
+    assert found.verdict == EXPLAINED and found.sentence.startswith("The latency of all joints, 24.3 ms, explains 86 %")
+    assert any(reason.code == "blind" for reason in found.reasons)
+
+
+@pytest.mark.parametrize(("late", "mass"), [(0.87, 0.07), (0.2, 0.7)])
+def test_the_robots_headline_is_the_largest_that_joints_share(late: float, mass: float) -> None:
+    """It read "tuned numbers and load.mass explain the gap of 'robot'", where the latency had 87 %, load.mass 7 %."""
+    joints = [beside_latency(judged(name, sentence=""), LATE) for name in LATE.joints]
+    said = "load.mass explains the gap of 'robot': error 64.2 to 0.8."
+    shares: dict[str, Any] = {"values": {}, "tuned_share": 1.0 - late - mass, "shared_share": late}
+    found = with_latency([*joints, judged(ROBOT, cause("load.mass", mass, ROBOT), sentence=said, **shares)], LATE)[-1]
+    assert [one.name for one in found.causes] == sorted(["drive.delay", "load.mass"], reverse=late < mass)
+    assert found.tuned_share + found.shared_share + sum(one.share for one in found.causes) == pytest.approx(1.0)
+    first = "All joints: latency 24.3 ms" if late > mass else said.removesuffix(".")
+    second = f"load.mass {100 * mass:.0f} %" if late > mass else "the latency 24.3 ms"
+    assert found.sentence.startswith(first) and second in found.sentence
+
+
+def test_shares_of_the_robot_are_by_how_far_each_cause_moves_the_joints() -> None:
+    """A payload had 100 % of a leg's gap beside 34 % of a latency that moved the joints twice as far."""
+    sizes = {"body.foot.payload": 3.0, "hip|delay.seconds": 6.0, "hip|friction.coulomb*": 1.0}
+
+    def simulate(rows: list[dict[str, float]]) -> np.ndarray:
+        return np.array([[sizes[path] if path in row else 0.0 for path in sizes] for row in rows])
+
+    fits = SimpleNamespace(values=dict.fromkeys(sizes, 1.0))
+    problem: Any = SimpleNamespace(simulate=simulate, residual=lambda rows: rows)
+    search: Any = SimpleNamespace(fits=(fits, fits))
+    payload = replace(cause("load.mass", 1.0, ROBOT), parameters={"body.foot.payload": Value(1.0, 0.9, 1.1, "kg", 0.0)})
+    split = SharedFound(problem, search, (), {}).by_effect(Measured(causes=(payload,)), NUMBER)
+    assert split.causes[0].share == pytest.approx(9.0 / 46.0)
+    assert (split.shared_share, split.tuned_share) == pytest.approx((36.0 / 46.0, 1.0 / 46.0))
+    alone = SharedFound(problem, search, (), {}).by_effect(Measured(causes=(payload,)))
+    assert alone.shared_share == 0.0 and alone.tuned_share == pytest.approx(37.0 / 46.0)
