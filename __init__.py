@@ -22,6 +22,7 @@ from .envs import register_environments
 
 if TYPE_CHECKING:
     from .actuators import load_chain
+    from .agents.export import export
     from .common.errors import SealegsError
     from .common.plugins import add as add_plugins
     from .envs.extended import Extended
@@ -37,6 +38,7 @@ __all__ = [
     "SealegsError",
     "add_plugins",
     "diagnose",
+    "export",
     "fit",
     "load_chain",
     "load_robot",
@@ -50,6 +52,7 @@ _HOMES = {
     "SealegsError": ("sealegs.common.errors", "SealegsError"),
     "add_plugins": ("sealegs.common.plugins", "add"),
     "diagnose": ("sealegs.gap.diagnose", "diagnose"),
+    "export": ("sealegs.agents.export", "export"),
     "fit": ("sealegs.gap.fit", "fit"),
     "load_chain": ("sealegs.actuators", "load_chain"),
     "load_robot": ("sealegs.envs.make", "load_robot"),

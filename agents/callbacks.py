@@ -12,6 +12,7 @@ import numpy as np
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
+from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -70,7 +71,8 @@ class Evaluation(EvalCallback):
     Args:
         env: simulations to evaluate in, wrapped like the training ones.
         every: steps between evaluations, over all training simulations; 0: only by calls of :meth:`evaluate`.
-        episodes: per evaluation.
+        episodes: per evaluation, the same ones in each: their starts and commands are drawn from ``seed``.
+        seed: of the episodes.
         folder: where ``evaluations.npz`` goes.
         best: mean reward to beat, of the best policy that an earlier session saved.
         save_best: called when the mean reward is the best so far.
@@ -81,6 +83,7 @@ class Evaluation(EvalCallback):
         env: VecEnv,
         every: int,
         episodes: int,
+        seed: int,
         n_envs: int,
         folder: str,
         best: float,
@@ -89,7 +92,7 @@ class Evaluation(EvalCallback):
         calls = max(every // n_envs, 1) if every else 0
         super().__init__(env, NewBest(save_best), None, episodes, calls, log_path=folder, verbose=0)
         self.best_mean_reward = best
-        self._updates = _UNKNOWN
+        self._updates, self._seed = _UNKNOWN, seed
 
     def _on_step(self) -> bool:
         # an update follows the last step of a learning, so its policy is evaluated by :meth:`evaluate` thereafter
@@ -98,6 +101,7 @@ class Evaluation(EvalCallback):
     def _evaluate_if_due(self) -> bool:
         if self.eval_freq > 0 and self.n_calls % self.eval_freq == 0:
             self._updates = self.model._n_updates
+            self.eval_env.seed(self._seed)
         return super()._on_step()
 
     @property
@@ -134,6 +138,27 @@ class Evaluation(EvalCallback):
             self._evaluate_if_due()
             self.eval_freq = frequency
         return self.last_mean_reward
+
+    def rewards(self) -> np.ndarray:
+        """Of the episodes of the latest evaluation (n,)."""
+        return np.asarray(self.evaluations_results[-1], float)
+
+    def of_no_action(self) -> np.ndarray:
+        """Rewards of the same episodes (n,) with actions of 0: of the reference that actions correct or modulate."""
+        self.eval_env.seed(self._seed)
+        still = NoAction(self.eval_env)
+        return np.asarray(evaluate_policy(still, self.eval_env, self.n_eval_episodes, return_episode_rewards=True)[0])
+
+
+class NoAction:
+    """A policy whose actions are 0."""
+
+    def __init__(self, env: VecEnv) -> None:
+        self._shape = env.action_space.shape or ()
+
+    def predict(self, observation: Any, state: Any = None, *_: Any, **__: Any) -> tuple[np.ndarray, Any]:
+        """Actions (n, k) of observations (n, size)."""
+        return np.zeros((len(observation), *self._shape), np.float32), state
 
 
 class EpisodeTerms(BaseCallback):

@@ -27,27 +27,70 @@ from onnx.reference import ReferenceEvaluator
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.sac.policies import SACPolicy
+from stable_baselines3.common.vec_env import VecNormalize
 
 from ..common.errors import SealegsError
 from ..configs.check import checked
 from ..configs.compose import override, split
 from ..configs.script import run
 from ..envs.contract import KEY, Contract, ContractError, make_contract
+from ..envs.engine.batch import BatchEngine
+from ..envs.engine.sb3 import BatchVecEnv
 from .action_pipeline import ActionPipeline
-from .policy_files import load_model, seen_as_trained, trained_env
+from .policy_files import describe, load_model, seen_as_trained, trained_env
 from .policy_graph import PolicyGraph
 from .traced import TracingError
 from .weights import FILE as WEIGHTS
 from .weights import write_weights
 
 FILE = "policy.onnx"
+OF_THE_SHELL = ("actuator", "num_envs", "max_episode_steps", "render_mode", "width", "height")
+"""Arguments of an environment that say nothing of its policy, or that the chains say."""
 PARITY = 1e-5
 """Largest difference of an action, of 1, that an exported policy may have from the one in memory."""
 
 
 class ExportError(SealegsError):
     """A policy that cannot be written as ONNX."""
+
+
+def export(model: BaseAlgorithm, out: str | Path, env: Any = None, normalizer: VecNormalize | None = None) -> Path:
+    """Write the policy of a Stable-Baselines3 model as the ONNX file that ``sealegs deploy`` runs.
+
+    Args:
+        model: PPO, SAC, TD3, DDPG or TQC with a policy of dense layers.
+        out: file to write, such as ``mine.onnx``.
+        env: :class:`~sealegs.envs.engine.sb3.BatchVecEnv`, or single environments of this project, that it learned in,
+            wrapped or not; None: the model's own.
+        normalizer: of its observations; None: the model's own, where it has one.
+
+    Returns:
+        The file.
+
+    Raises:
+        ExportError: the environment is none of this project's, the network has other than dense layers, or the file
+            exists.
+    """
+    env = model.get_env() if env is None else env
+    place: Any = getattr(env, "unwrapped", env)
+    place = getattr(place, "envs", [place])[0]  # of a DummyVecEnv
+    engine, spec = getattr(place.unwrapped, "engine", None), getattr(place, "spec", None)
+    if not isinstance(engine, BatchEngine) or spec is None:
+        raise ExportError(
+            "what a policy is for is read from its environment, and this one is none of this project's, or is in "
+            "another process: give env=BatchVecEnv(...), or one of gymnasium.make('SeaLegs/...')."
+        )
+    given = place.keywords if isinstance(place, BatchVecEnv) else {**spec.kwargs}
+    kept = {key: value for key, value in (given | engine.fitted).items() if key not in OF_THE_SHELL}
+    if "robot" in kept:
+        kept["robot"] = str(kept["robot"])
+    description = {
+        "env": {"id": spec.id, **kept},
+        "actuators": {name: chain.to_list() for name, chain in engine.chains.items()},
+        "control_rate": 1.0 / engine.dt,
+    }
+    normalizer = model.get_vec_normalize_env() if normalizer is None else normalizer
+    return write_onnx(Path(out), model, describe(model, normalizer) | description)
 
 
 def export_policy(folder: Path, out: Path | None = None, task: str | None = None, trust: bool = False) -> Path:
@@ -114,10 +157,15 @@ def _layers(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], bool]:
     if isinstance(policy, ActorCriticPolicy):
         layers = [*policy.mlp_extractor.policy_net, policy.action_net]
         return layers, bool(policy.squash_output)
-    if isinstance(policy, SACPolicy) and isinstance(policy.actor.mu, torch.nn.Linear):
-        return [*policy.actor.latent_pi, policy.actor.mu], True
+    actor: Any = getattr(policy, "actor", None)
+    mean: Any = getattr(actor, "mu", None)
+    if isinstance(mean, torch.nn.Linear) and hasattr(actor, "latent_pi"):  # SAC, TQC
+        return [*actor.latent_pi, mean], True
+    if isinstance(mean, torch.nn.Sequential) and isinstance(mean[-1], torch.nn.Tanh):  # TD3, DDPG
+        return [*mean[:-1]], True
     raise ExportError(
-        f"a policy of the kind {type(policy).__name__} cannot be exported; PPO's and SAC's MlpPolicy can."
+        f"a policy of the kind {type(policy).__name__} cannot be exported; MlpPolicy of PPO, SAC, TQC, TD3 and DDPG "
+        "can."
     )
 
 

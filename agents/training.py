@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 import yaml
+from scipy.stats import t as student
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList
 
@@ -68,7 +72,7 @@ class Session:
 
     def __init__(self, run: RunFolder, config: TrainConfig, model: BaseAlgorithm, env: BatchVecEnv) -> None:
         self.run, self.config, self.model = run, config, model
-        self.from_step = model.num_timesteps
+        self.env, self.from_step = env, model.num_timesteps
         self._not_exported = ""
         self.chains = chains(env)
         algorithm = config.agent["algorithm"]
@@ -79,20 +83,20 @@ class Session:
         )
         self.evaluation = Evaluation(
             normalized(eval_env, config.agent, training=False),
-            evaluate.every,
-            evaluate.episodes,
-            config.n_envs,
-            str(run.path),
-            policy_reward(
-                run.path / "best"
-            ),  # not the checkpoint's: a killed session may have saved a better one since
-            self._save_best,
+            every=evaluate.every,
+            episodes=evaluate.episodes,
+            seed=stream_seed(config.seed, _EVALUATION),
+            n_envs=config.n_envs,
+            folder=str(run.path),
+            best=policy_reward(run.path / "best"),  # a killed session may have saved a better one than its checkpoint's
+            save_best=self._save_best,
         )
 
     @classmethod
     def started(cls, config: TrainConfig, out: Path, name: str | None) -> Session:
         """New run. Its folder is created only after environment and learner exist, so wrong input leaves no folder."""
         model, env = _new_learner(config, config.actuator)
+        config = replace(config, env={**config.env, **env.engine.fitted})
         task = str(config.env["id"]).rpartition("/")[2].rpartition(":")[2].partition("-")[0].lower()
         robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
         actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.chains.values()))
@@ -176,12 +180,21 @@ class Session:
 
     def _finish(self) -> None:
         """The work after the last step; a resumed run makes up for parts that are missing."""
-        reward = self.evaluation.evaluate(self.model)
+        self.evaluation.evaluate(self.model)
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
         with self.run.writing("final") as folder:
             self._save(folder, self.description)
-        print(f"Mean evaluation reward {reward:.4g}.", flush=True)
+        print(f"Mean evaluation reward {told(self.evaluation.rewards())}.", flush=True)
+        if self._corrects():
+            print(beside_reference(self.evaluation.rewards(), self.evaluation.of_no_action()), flush=True)
         self._film()
+
+    def _corrects(self) -> bool:
+        """Whether actions of 0 are a reference, and not the middle of the joints' ranges."""
+        engine = self.env.engine
+        task, time = engine.task, np.zeros(1)
+        command = task.commands(np.full((1, task.draws), 0.5))
+        return isinstance(task, ModulatedTask) or task.reference(time, command, engine.numbers) is not None
 
     def save_checkpoint(self) -> None:
         """Checkpoint of the learner as it is now."""
@@ -235,6 +248,31 @@ class Session:
         found = checkpoints(self.run)
         where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
         return f"{what}; go on from {where} with: {_resume_command(self.run, _own_task(self.config))}"
+
+
+def half_interval(rewards: np.ndarray) -> float:
+    """Half of the 95 % interval of the mean of rewards (n,), by Student's t; NaN of fewer than two."""
+    count = len(rewards)
+    return float(student.ppf(0.975, count - 1) * np.std(rewards, ddof=1)) / math.sqrt(count) if count > 1 else math.nan
+
+
+def told(rewards: np.ndarray) -> str:
+    """The mean of rewards (n,) with its 95 % interval."""
+    spread = half_interval(rewards)
+    return f"{rewards.mean():.4g}" + (f" (+-{spread:.2g}, {len(rewards)} episodes)" if math.isfinite(spread) else "")
+
+
+def beside_reference(rewards: np.ndarray, reference: np.ndarray) -> str:
+    """Whether a policy beats the reference that it corrects, from both their rewards in the same episodes (n,)."""
+    gain = rewards - reference
+    spread = half_interval(gain)
+    known = f"Its reference alone (actions of 0) gets {reference.mean():.4g} in the same episodes"
+    if gain.mean() > (spread if math.isfinite(spread) else 0.0):
+        return f"{known}; the policy adds {told(gain)}."
+    return (
+        f"{known}: the policy does NOT beat it ({gain.mean():+.3g}). Train longer, with a smaller env.correction, or "
+        "use the reference as it is."
+    )
 
 
 def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:

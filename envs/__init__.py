@@ -23,24 +23,29 @@ ENVIRONMENTS = {
 TASKS = {"Track": 500, "Reach": 250, "Walk": 1000}
 """Tasks that any robot has, by its name or its file: ``robot=`` of their environments; and steps of an episode."""
 
+EARLIER: dict[str, tuple[dict[str, object], ...]] = {"Track": ({"correction": 0.0, "lead": 0.0},)}
+"""Earlier versions of environments, from v0 on: the arguments with which the present one is what they were."""
 
-def env_id(robot: str) -> str:
-    """Id of a robot's environment: ``SeaLegs/Hopper-v0`` of ``Hopper``."""
-    return f"SeaLegs/{robot}-v0"
+
+def env_id(robot: str, version: int | None = None) -> str:
+    """Id of a robot's environment: ``SeaLegs/Hopper-v0`` of ``Hopper``; of its newest version where none is named."""
+    return f"SeaLegs/{robot}-v{len(EARLIER.get(robot, ())) if version is None else version}"
 
 
 def register_environments() -> None:
     """Make the environments known to ``gymnasium.make`` and ``gymnasium.make_vec``; again does no harm."""
     folders = {robot: robot.lower() for robot in ENVIRONMENTS} | dict.fromkeys(TASKS, "any_robot")
     for name, steps in {**ENVIRONMENTS, **TASKS}.items():
-        if env_id(name) not in gym.registry:
-            entry = f"{__name__}.{folders[name]}.env:{name}"
-            gym.register(
-                id=env_id(name),
-                entry_point=f"{entry}Env",
-                vector_entry_point=f"{entry}VectorEnv",
-                max_episode_steps=steps,
-            )
+        entry = f"{__name__}.{folders[name]}.env:{name}"
+        for version, arguments in enumerate((*EARLIER.get(name, ()), {})):
+            if (known := env_id(name, version)) not in gym.registry:
+                gym.register(
+                    id=known,
+                    entry_point=f"{entry}Env",
+                    vector_entry_point=f"{entry}VectorEnv",
+                    max_episode_steps=steps,
+                    kwargs=dict(arguments),
+                )
 
 
 def registered_id(name: str) -> str:

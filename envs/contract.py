@@ -171,7 +171,8 @@ def task_of(env: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:
     creator: Any = load_env_creator(entry) if isinstance(entry, str) else entry
     if not (isinstance(creator, type) and issubclass(creator, TaskShell)):
         raise SealegsError(f"environment '{name}' is none of this project's, and has no task of a robot.")
-    return task_arguments(creator.task, {key: value for key, value in env.items() if key != "id"})
+    given = {key: value for key, value in env.items() if key != "id"}
+    return task_arguments(creator.task, {**gym.spec(name).kwargs, **given})
 
 
 def robot_hash(robot: Robot, params: Mapping[str, float] | None = None) -> str:

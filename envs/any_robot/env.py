@@ -16,14 +16,16 @@ class TrackEnv(SingleEnv, task=TrackTask):
     is a name (`bench`, `hopper`, ...) or the file of a robot (`my_arm.yaml`, or an MJCF or URDF).
 
     ## Action Space
-    The action space is a `Box(-1, 1, (k,), float32)`: the position goals of the joints, in the order of the robot's file.
+    The action space is a `Box(-1, 1, (k,), float32)`: an action corrects the goals of the joints, in the order of the
+    robot's file.
 
-    | Num      | Action        | Min | Max | Goal at -1                  | Goal at 1           | Type (Unit)                    |
-    |----------|---------------|-----|-----|-----------------------------|---------------------|--------------------------------|
-    | 0 to k-1 | Goal of joint | -1  | 1   | lower end of joint's range  | upper end of it     | angle (rad), or distance (m)   |
+    | Num      | Action        | Min | Max | Goal at 0                             | Change per unit                 | Unit     |
+    |----------|---------------|-----|-----|---------------------------------------|---------------------------------|----------|
+    | 0 to k-1 | Goal of joint | -1  | 1   | the joint's trajectory `lead` from now | `correction` times half the range | rad or m |
 
-    With `correction` above 0 an action corrects the trajectory instead: the goal is the target plus the action times
-    `correction` times half of the joint's range.
+    Goals keep to the joint's range. Without a `lead`, the environment measures by how much servos that are given the
+    trajectory itself are late, on its own chains, and leads by that: an untrained policy follows as well as can be had
+    without learning. With a `correction` of 0, actions of -1 and 1 are the ends of the joint's range, as in v0.
 
     ## Observation Space
     The observation space is a `Box(-Inf, Inf, (5 k,), float32)`.
@@ -71,7 +73,8 @@ class TrackEnv(SingleEnv, task=TrackTask):
     | `amplitude`       | float             | `0.8`        | see Starting State |
     | `frequency`       | float or pair     | `(0.2, 0.8)` | of the sines, or from which to which [Hz] |
     | `preview`         | float             | `0.06`       | how far ahead the later target is [s] |
-    | `correction`      | float             | `0.0`        | see Action Space |
+    | `correction`      | float             | `0.2`        | see Action Space |
+    | `lead`            | float             | `None`       | see Action Space [s]; `None`: measured |
     | `tolerance`       | float             | `0.05`       | see Rewards: scale of an error, as a share of half the range |
     | `tracking_weight` | float             | `1.0`        | see Rewards |
     | `smooth_weight`   | float             | `0.05`       | see Rewards |
@@ -80,7 +83,8 @@ class TrackEnv(SingleEnv, task=TrackTask):
     | `width`, `height` | int               | `640, 480`   | of the picture [px] |
 
     ## Version History
-    * v0: initial version.
+    * v1: actions correct the trajectory, with a lead. Trained without, policies were bang-bang, and worse than none.
+    * v0: actions are goals: `correction=0`, `lead=0`.
     """  # noqa: E501
 
 

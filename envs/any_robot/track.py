@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
 from ...actuators import Drivetrain
 from ..engine.task import Motion
+from .lead import ROWS, measured_lead
 from .task import AnyRobotTask, Numbers, columns
 
 WAVES = 2
@@ -22,7 +25,8 @@ class TrackTask(AnyRobotTask):
     amplitude: float = 0.8
     frequency: float | tuple[float, float] = (0.2, 0.8)
     preview: float = 0.06
-    correction: float = 0.0
+    correction: float = 0.2
+    lead: float | None = None
 
     ranges = ("frequency",)
     per_joint = WAVES * len(FIELDS) + 1
@@ -71,7 +75,17 @@ class TrackTask(AnyRobotTask):
         self, time: np.ndarray, command: np.ndarray, numbers: Numbers
     ) -> tuple[np.ndarray, np.ndarray] | None:
         del numbers
-        return (self.target(time, command), self.correction * self.half) if self.correction > 0.0 else None
+        if self.correction <= 0.0:
+            return None
+        return self.target(time + (self.lead or 0.0), command), self.correction * self.half
+
+    def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
+        if self.lead is not None:
+            return self
+        if self.correction <= 0.0:
+            return replace(self, lead=0.0)
+        straight = replace(self, lead=0.0)
+        return replace(self, lead=measured_lead(trial(straight, ROWS), straight.target, self.half))
 
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion

@@ -75,9 +75,25 @@ def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task,
             hint = nearest(name, [*known, "render_mode", "width", "height", "num_envs", "max_episode_steps"])
             raise SealegsError(f"there is no argument '{name}'{hint}; there are {', '.join(known)}.")
     weights = {name: value for name, value in keywords.items() if name in fields}
-    for name, value in weights.items():
-        pair = isinstance(value, list | tuple) and len(value) == 2
-        numbers: list[Any] = list(value) if pair and name in kind.ranges else [value]
+    check_values(kind, weights)
+    engine = {name: value for name, value in keywords.items() if name in ENGINE}
+    if kind.any_robot and "robot" in keywords:
+        kind = kind.on(keywords["robot"])
+    return kind(**weights), {"control_rate": kind.control_rate, **engine}
+
+
+def check_values(kind: type[Task], values: Mapping[str, Any]) -> None:
+    """Make sure that values of a task's numbers, by name, are such.
+
+    Raises:
+        SealegsError: one is no number, or no range where that is taken.
+    """
+    unset = [item.name for item in dataclasses.fields(kind) if item.default is None]
+    for name, value in values.items():
+        if value is None and name in unset:
+            continue
+        pair = name in kind.ranges and isinstance(value, list | tuple) and len(value) == 2
+        numbers: list[Any] = [*value] if pair and value is not None else [value]
         if any(isinstance(item, bool) or not isinstance(item, int | float) for item in numbers):
             wanted = "a number or a pair of numbers" if name in kind.ranges else "a number"
             raise SealegsError(f"{name} takes {wanted}, not {value!r}.")
@@ -85,7 +101,3 @@ def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task,
             raise SealegsError(f"{name} is {value!r}; it must be finite.")
         if numbers[0] > numbers[-1]:
             raise SealegsError(f"{name} is {value!r}; a range goes from its low to its high end.")
-    engine = {name: value for name, value in keywords.items() if name in ENGINE}
-    if kind.any_robot and "robot" in keywords:
-        kind = kind.on(keywords["robot"])
-    return kind(**weights), {"control_rate": kind.control_rate, **engine}

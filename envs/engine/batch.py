@@ -17,6 +17,7 @@ from mujoco.batch import Batch
 from ...actuators.engine import install
 from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
+from .arguments import check_values
 from .at_once import BreaksAtOnce
 from .base import BaseLayout
 from .disturbances import Disturbances, stand_on_slope, tilt_floor
@@ -60,7 +61,8 @@ class BatchEngine:
     """n simulations of one task.
 
     Attributes:
-        task: what is asked of the robot.
+        task: what is asked of the robot, :meth:`~sealegs.envs.engine.task.Task.fitted` to it.
+        fitted: numbers of the task that were left open, by name.
         drivetrain: the robot with its actuators.
         chains: those of the robot that were asked for, by coordinate; the drivetrain's may have room for more.
         batch: the simulations.
@@ -106,9 +108,12 @@ class BatchEngine:
         Raises:
             SealegsError: one of the arguments does not fit the robot, or a chain takes no position goals.
         """
-        self._sound = False  # what the task gives, which the first step looks at
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise SealegsError(f"num_envs is {num_envs!r}; it must be a whole number of at least 1.")
+        self._sound = False  # what the task gives, which the first step looks at
+        same: Any = {"actuator": actuator, "params": params, "control_rate": control_rate, "action_delay": action_delay}
+        given, task = task, task.fitted(lambda trial, count: BatchEngine(trial, count, autoreset=False, **same))
+        self.fitted = {key: value for key, value in vars(task).items() if value != getattr(given, key)}
         self.task, self.num_envs = task, num_envs
         self.numbers = task.robot.parameters(params)
         robot = with_contacts(task.robot, task.sees)
@@ -183,6 +188,17 @@ class BatchEngine:
         mujoco.mj_forward(model, data)
         mujoco.mj_setState(model, data, self.batch.state[simulation], mujoco.mjtState.mjSTATE_INTEGRATION)
         return data
+
+    def set_number(self, name: str, value: Any) -> None:
+        """Give a number of the task, such as a weight of its reward, another value from the next step on.
+
+        What the present episodes were drawn with stays; a range is for those that start from now on.
+
+        Raises:
+            SealegsError: the value is none for it.
+        """
+        check_values(type(self.task), {name: value})
+        self.task = replace(self.task, **{name: value})
 
     # --- starting ----------------------------------------------------------------------------------------------
 
@@ -396,7 +412,7 @@ class _Generated:
     """The generator that actions modulate: its memory, and the power drawn in the latest control step."""
 
     def __init__(self, task: ModulatedTask, engine: BatchEngine) -> None:
-        self._task, self._engine = task, engine
+        self._engine = engine
         timestep = engine.drivetrain.model.opt.timestep
         periods = [engine.dt / task.goal_period, task.goal_period / task.sample_period, task.sample_period / timestep]
         if any(round(count) < 1 or abs(count - round(count)) > 1e-6 * count for count in periods):
@@ -409,6 +425,12 @@ class _Generated:
         self._memory = np.zeros((engine.num_envs, task.memory))
         self._power = np.zeros(engine.num_envs)
         self._qpos_rate = np.zeros_like(engine._qpos)
+
+    @property
+    def _task(self) -> ModulatedTask:
+        task = self._engine.task
+        assert isinstance(task, ModulatedTask)
+        return task
 
     def begin(self, chosen: np.ndarray, random: np.ndarray, goals: np.ndarray) -> None:
         engine = self._engine

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -24,6 +25,10 @@ __all__ = ["BatchVecEnv"]
 class BatchVecEnv(VecEnv):
     """n simulations of a registered environment on all cores.
 
+    Attributes:
+        engine: the simulations.
+        keywords: arguments of the environment that were given.
+
     ``infos[i]`` is empty but in the step that ends an episode, where it holds ``terminal_observation``,
     ``TimeLimit.truncated``, the last step's flags, and ``episode``: ``r``, ``l``, ``t`` as ``Monitor`` writes them, and
     the sum of each term of the reward. So no ``VecMonitor`` is needed.
@@ -42,7 +47,7 @@ class BatchVecEnv(VecEnv):
             SealegsError: unknown environment or argument, or one that does not fit the robot.
         """
         env_id = registered_id(env_id)
-        self._vector = _build(env_id, num_envs, env_kwargs)
+        self._vector, self.keywords = _build(env_id, num_envs, env_kwargs), dict(env_kwargs)
         self.engine = self._vector.engine
         self.render_mode = self._vector.render_mode
         super().__init__(num_envs, self._vector.single_observation_space, self._vector.single_action_space)
@@ -112,18 +117,29 @@ class BatchVecEnv(VecEnv):
     # What SB3 asks of single environments is asked of the batch: all its simulations share it.
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """An attribute of the batch, once for each simulation."""
-        owner = self if attr_name in ("render_mode", "spec", "metadata") else self._vector
+        """An attribute of the batch or a number of its task, once for each simulation."""
+        owner: object = self if attr_name in ("render_mode", "spec", "metadata") else self._vector
+        if attr_name in self._numbers:
+            owner = self.engine.task
         return [getattr(owner, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of the batch.
+        """Set an attribute of the batch, or a number of its task, such as ``tracking_weight`` in a curriculum.
 
         Raises:
-            SealegsError: ``indices`` are not all simulations, which share it.
+            SealegsError: ``indices`` are not all simulations, which share it, or the value is none for a number of the
+                task.
         """
         self._check_all(indices, "an attribute")
-        setattr(self._vector, attr_name, value)
+        if attr_name in self._numbers:
+            self.engine.set_number(attr_name, value)
+        else:
+            setattr(self._vector, attr_name, value)
+
+    @property
+    def _numbers(self) -> list[str]:
+        """Names of the task's numbers."""
+        return [item.name for item in dataclasses.fields(self.engine.task)]
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any

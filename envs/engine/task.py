@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -176,6 +176,16 @@ class Task(ABC):
         """
         del time, command, numbers
         return None
+
+    def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
+        """The task with numbers that were left None and follow from robot and chains; called when an engine is built.
+
+        Args:
+            trial: makes a :class:`~sealegs.envs.engine.batch.BatchEngine` of as many simulations of a task on the same
+                robot, to try it.
+        """
+        del trial
+        return self
 
     def on_joints(self, time: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actions on the driven coordinates (n, k), of what the policy gave (n, k): another one only where the policy

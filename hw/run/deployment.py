@@ -305,8 +305,8 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
     """
     outcome = done.outcome
     say(outcome.timing.sentence())
-    if any(outcome.cut.values()):
-        say(f"Safety cut goals: {outcome.cut['speed']} cycles by their speed, {outcome.cut['range']} by their range.")
+    if cut := outcome.told_cut():
+        say(cut)
     if outcome.bus:
         kinds = ", ".join(f"{name} {count}" for name, count in outcome.bus.items())
         say(f"Replies that did not come or could not be used, within what safety allows: {kinds}.")

@@ -9,6 +9,8 @@ from ..bus.clock import Timing
 from ..bus.packets import BusError
 from ..guard.safety import Fault
 
+OFTEN = 0.01  # share of the cycles from which goals that are cut are no accident
+
 
 @dataclass
 class Outcome:
@@ -37,6 +39,21 @@ class Outcome:
     rest_seconds: float = 0.0
     rest: str = "release"
     note: str = ""
+
+    def told_cut(self) -> str:
+        """How many cycles had goals that safety cut, and what helps where that is no accident; "": none had."""
+        kinds = [(count, key) for key, count in self.cut.items() if count]
+        if not kinds:
+            return ""
+        counts = " and ".join(f"{count} by their {key}" for count, key in kinds)
+        share = max(kinds)[0] / max(self.timing.cycles, 1)
+        told = f"Safety cut the goals of cycles: {counts}, of {self.timing.cycles} ({100.0 * share:.0f} %)"
+        if share < OFTEN:
+            return f"{told}."
+        return (
+            f"{told}. The servos cannot follow what is asked: train a policy with smoother actions (env.smooth_weight, "
+            "or a smaller env.correction), slow down an excitation."
+        )
 
 
 def fault_of(error: SealegsError) -> Fault:

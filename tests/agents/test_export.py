@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import onnx
 import pytest
+import sealegs
 import torch
 from sealegs.actuators import load_chain
 from sealegs.agents.export import export_policy, write_onnx
@@ -18,7 +20,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.hw.run.policy import Policy
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -99,6 +101,30 @@ def test_a_chain_is_known_by_its_numbers_and_a_net_by_its_weights(tmp_path: Path
     stages = net.to_list()
     stages[0]["net"]["file"] = str(copy)
     assert chain_hash({"joint": load_chain(stages)}) == chain_hash({"joint": net}), "wherever the file lies"
+
+
+def exported(model: Any, out: Path, rows: int, **keywords: Any) -> Contract:
+    """The contract of a policy that one call wrote, which acts as the model does."""
+    policy = Policy(sealegs.export(model, out, **keywords))
+    assert len(policy.contract.observation_names) == rows
+    return policy.contract
+
+
+@pytest.mark.parametrize("algorithm", [PPO, SAC, TD3, DDPG])
+def test_one_call_exports_a_model_of_a_script_of_ones_own(algorithm: Any, tmp_path: Path) -> None:
+    env = BatchVecEnv("SeaLegs/Track-v1", 2, seed=0, robot="bench", amplitude=0.5, actuator="sts3215")
+    contract = exported(algorithm("MlpPolicy", VecNormalize(env), device="cpu"), tmp_path / "policy.onnx", 5)
+    kept = {"id": "SeaLegs/Track-v1", "robot": "bench", "amplitude": 0.5, **env.engine.fitted}
+    assert contract.env == kept and kept["lead"] > 0.0
+    assert contract.chains == {"joint": env.engine.chains["joint"].to_list()} and contract.control_rate == 50.0
+
+
+def test_a_model_of_single_environments_is_exported_and_one_of_another_project_refused(tmp_path: Path) -> None:
+    single = gym.make("SeaLegs/Bench-v0", control_rate=25.0, render_mode="rgb_array")
+    contract = exported(PPO("MlpPolicy", single, device="cpu"), tmp_path / "single.onnx", 6)
+    assert contract.env == {"id": "SeaLegs/Bench-v0", "control_rate": 25.0} and contract.control_rate == 25.0
+    with pytest.raises(SealegsError, match="is none of this project's"):
+        sealegs.export(PPO("MlpPolicy", gym.make("Pendulum-v1"), device="cpu"), tmp_path / "other.onnx")
 
 
 def test_a_saved_policy_is_exported_once_and_never_overwritten(tmp_path: Path) -> None:

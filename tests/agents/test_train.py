@@ -26,6 +26,7 @@ from sealegs.agents import run_folder
 from sealegs.agents.algorithms import build
 from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.agents.make_env import stream_seed
+from sealegs.agents.training import beside_reference
 from sealegs.commands import train
 from sealegs.configs.script import run as run_script
 from sealegs.envs.engine.sb3 import BatchVecEnv
@@ -125,7 +126,7 @@ def test_the_last_evaluation_is_of_the_final_policy(tmp_path: Path, capsys: pyte
     folder = tmp_path / "last"
     quick = [*SMALL, "agent.learning_rate=0.01", f"out={tmp_path}", "name=last", "total_timesteps=256"]
     assert run(*quick) == 0
-    said = re.search(r"Mean evaluation reward (\S+)\.\n", capsys.readouterr().out)
+    said = re.search(r"Mean evaluation reward (\S+)( \(.*\))?\.\n", capsys.readouterr().out)
     best, final = (
         torch.cat([value.flatten() for value in PPO.load(folder / kind / "model.zip").policy.state_dict().values()])
         for kind in ("best", "final")
@@ -145,6 +146,31 @@ def test_a_run_that_is_killed_before_its_last_evaluation_makes_it_on_resume(tmp_
     state = json.loads((folder / "checkpoints" / f"{at:012d}" / "state.json").read_text())["evaluations"]
     assert state["timesteps"] == list(range(256, at + 1, 256))
     assert state["updates"] == PPO.load(folder / "final" / "model.zip")._n_updates
+
+
+def test_a_policy_that_does_not_beat_its_reference_says_so() -> None:
+    reference = np.array([4.0, 5.0, 6.0, 7.0])
+    better = beside_reference(reference + np.array([1.0, 1.1, 0.9, 1.0]), reference)
+    assert better.endswith("; the policy adds 1 (+-0.13, 4 episodes).")
+    for rewards in (reference - 1.0, reference + np.array([3.0, -2.0, 2.0, -2.0])):  # worse, and not surely better
+        assert "does NOT beat it" in beside_reference(rewards, reference)
+
+
+@pytest.mark.long
+def test_a_training_that_corrects_a_reference_compares_both_in_the_same_episodes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [word for word in SMALL if not word.startswith("env=")]
+    words += ["env=track", "robot=bench", "agent.learning_rate=0.0", "agent.normalize=false"]
+    assert run(*words, f"out={tmp_path}", "name=track", "total_timesteps=512") == 0
+    said = capsys.readouterr().out
+    assert "Its reference alone (actions of 0) gets " in said
+    kept = yaml.safe_load((tmp_path / "track" / "config.yaml").read_text())["env"]
+    assert kept["id"] == "SeaLegs/Track-v1" and 0.03 < kept["lead"] < 0.07
+    results = np.load(tmp_path / "track" / "evaluations.npz")["results"]
+    again = BatchVecEnv(kept.pop("id"), 1, robot="bench", **{k: v for k, v in kept.items() if k != "robot"})
+    assert len(results) == 2 and (results[0] == results[1]).all(), "the same policy in the same episodes"
+    assert again.engine.fitted == {}, "the lead is kept, not measured anew"
 
 
 def test_policy_json_normalises_like_the_training(finished: Path) -> None:

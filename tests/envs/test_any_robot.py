@@ -6,6 +6,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,7 +17,7 @@ from sealegs.agents.config import read_config
 from sealegs.common.errors import SealegsError
 from sealegs.envs import registered_id
 from sealegs.envs.any_robot.track import TrackTask
-from sealegs.envs.contract import make_contract
+from sealegs.envs.contract import make_contract, task_of
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.robots import get_robot
 from stable_baselines3.common.env_checker import check_env as check_sb3
@@ -24,7 +25,7 @@ from stable_baselines3.common.env_checker import check_env as check_sb3
 ROBOTS = Path(__file__).parents[1] / "robots"
 ARM = str(ROBOTS / "arm.yaml")
 WAITER = f"{ROBOTS / 'waiter.py'}:Waiter"
-TASKS = ("SeaLegs/Track-v0", "SeaLegs/Reach-v0", WAITER)
+TASKS = ("SeaLegs/Track-v1", "SeaLegs/Reach-v0", WAITER)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -59,7 +60,10 @@ def test_following_the_target_is_worth_more_than_standing_still() -> None:
     earned = []
     for follow in (True, False):
         env = sealegs.make_env(
-            "track", robot=ARM, actuator=[{"ideal": {"stiffness": 80.0, "damping": 3.0, "armature": 0.03}}]
+            "track",
+            robot=ARM,
+            correction=0.0,
+            actuator=[{"ideal": {"stiffness": 80.0, "damping": 3.0, "armature": 0.03}}],
         )
         seen, _ = env.reset(seed=1)
         half = np.array([1.5, 2.0])
@@ -71,14 +75,44 @@ def test_following_the_target_is_worth_more_than_standing_still() -> None:
     assert earned[0] > 0.4 > earned[1] + 0.2
 
 
-def test_actions_can_correct_the_trajectory_and_zero_follows_it() -> None:
-    env = sealegs.make_env("track", robot=ARM, correction=0.2)
+def test_actions_correct_the_trajectory_and_zero_follows_it() -> None:
+    env = sealegs.make_env("track", robot=ARM)
     env.reset(seed=2)
     rewards = [float(env.step(np.zeros(2, np.float32))[1]) for _ in range(100)]
     engine = env.unwrapped.engine  # type: ignore[attr-defined]
     motion = engine.motion(np.zeros((1, 2)))
     assert np.abs(motion.link - engine.task.target(motion.time, motion.command)).max() < 0.35
     assert np.mean(rewards) > 0.2
+
+
+def tracking_error(env_id: str = "SeaLegs/Track-v1", **given: Any) -> float:
+    """Of an action of 0 (rms) [rad]."""
+    env = BatchVecEnv(env_id, 8, seed=3, robot="bench", **given)
+    env.reset()
+    engine, still, squares = env.engine, np.zeros((8, 1)), []
+    for _ in range(200):
+        engine.step(still)
+        motion = engine.motion(still)
+        squares.append(np.mean((motion.link - engine.task.target(motion.time, motion.command)) ** 2))  # type: ignore[attr-defined]
+    return float(np.sqrt(np.mean(squares)))
+
+
+@pytest.mark.parametrize("latency", [0.005, 0.045])
+def test_goals_lead_the_trajectory_by_what_the_servos_are_late(latency: float) -> None:
+    chain: list[Any] = sealegs.load_chain("sts3215").to_list()
+    chain[0] = {"delay": {"seconds": latency}}
+    late = tracking_error(actuator=chain, lead=0.0)
+    assert tracking_error(actuator=chain) < 0.25 * late
+    env = BatchVecEnv("SeaLegs/Track-v1", 1, robot="bench", actuator=chain)
+    assert env.engine.fitted == {"lead": pytest.approx(0.044 + latency, abs=0.006)}
+
+
+def test_the_earlier_version_of_the_task_has_actions_that_are_goals() -> None:
+    """A policy that was trained in it must not be asked for corrections."""
+    task = task_of({"id": "SeaLegs/Track-v0", "robot": ARM})[0]
+    command = task.commands(np.full((1, task.draws), 0.5))
+    assert task.reference(np.zeros(1), command, {}) is None
+    assert task_of({"id": "SeaLegs/Track-v1", "robot": ARM})[0].reference(np.zeros(1), command, {}) is not None
 
 
 def test_built_in_robots_have_the_tasks_too_and_units_of_slides_are_metres(tmp_path: Path) -> None:
@@ -102,7 +136,7 @@ def test_a_policy_of_it_has_a_contract_that_names_the_robot_by_its_file() -> Non
 
 def test_a_training_takes_the_robot_by_one_word_and_the_task_from_a_file() -> None:
     config = read_config([f"robot={ARM}"]).config
-    assert config is not None and config.env["id"] == "SeaLegs/Track-v0" and config.env["robot"] == ARM
+    assert config is not None and config.env["id"] == "SeaLegs/Track-v1" and config.env["robot"] == ARM
     config = read_config([f"env={WAITER}", f"robot={ARM}", "env.level=0.1"]).config
     assert config is not None and config.env["id"] == WAITER and config.env["level"] == 0.1
 

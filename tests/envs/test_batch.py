@@ -200,6 +200,22 @@ def test_a_wrong_vec_env_is_answered_in_one_sentence(env_id: str, keywords: dict
         BatchVecEnv(env_id, 2, **keywords)
 
 
+def test_a_weight_of_the_reward_that_is_set_counts_from_the_next_step_on() -> None:
+    """It was accepted, and changed nothing."""
+    rewards = []
+    for weight in (None, 0.0):
+        env = BatchVecEnv("SeaLegs/Track-v1", 2, seed=0, robot="bench", smooth_weight=0.0)
+        env.reset()
+        if weight is not None:
+            env.set_attr("tracking_weight", weight)
+            assert env.get_attr("tracking_weight") == [weight, weight]
+        env.step_async(np.zeros((2, 1)))
+        rewards.append(env.step_wait()[1])
+    assert (rewards[0] > 0.1).all() and (rewards[1] == 0.0).all()
+    with pytest.raises(SealegsError, match="tracking_weight takes a number, not 'none'"):
+        env.set_attr("tracking_weight", "none")
+
+
 def test_what_all_simulations_share_is_not_set_for_some_of_them() -> None:
     env = BatchVecEnv(HOPPER, 3, seed=0)
     env.set_attr("label", 1)

@@ -236,3 +236,15 @@ def test_where_the_events_are_gone_torque_may_be_on(tmp_path: Path) -> None:
     done = ended(tmp_path)
     (tmp_path / "run.events.jsonl").unlink()
     assert "TORQUE MAY BE ON at servo(s) 1" in deployment.at_rest_sentence(done, "release")
+
+
+# --- goals that safety cut ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("cut", "warns"), [(236, True), (3, True), (2, False), (0, None)])
+def test_a_run_whose_goals_were_cut_often_says_what_mends_it(cut: int, warns: bool | None) -> None:
+    """236 cycles of 250 were cut, with one quiet line."""
+    timing = Timing(*[250, *[0] * 10])
+    said = Outcome("finished", None, fault=None, timing=timing, cut={"range": 0, "speed": cut}, bus={}).told_cut()
+    assert (str(cut) in said and f"({100 * cut / 250:.0f} %)" in said) if cut else said == ""
+    assert ("env.smooth_weight" in said) is bool(warns)
