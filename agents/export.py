@@ -162,7 +162,7 @@ def _layers(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], bool]:
     if isinstance(mean, torch.nn.Linear) and hasattr(actor, "latent_pi"):  # SAC, TQC
         return [*actor.latent_pi, mean], True
     if isinstance(mean, torch.nn.Sequential) and isinstance(mean[-1], torch.nn.Tanh):  # TD3, DDPG
-        return [*mean[:-1]], True
+        return list(mean.children())[:-1], True
     raise ExportError(
         f"a policy of the kind {type(policy).__name__} cannot be exported; MlpPolicy of PPO, SAC, TQC, TD3 and DDPG "
         "can."
