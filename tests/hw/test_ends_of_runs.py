@@ -244,7 +244,7 @@ def test_where_the_events_are_gone_torque_may_be_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("cut", "warns"), [(236, True), (3, True), (2, False), (0, None)])
 def test_a_run_whose_goals_were_cut_often_says_what_mends_it(cut: int, warns: bool | None) -> None:
     """236 cycles of 250 were cut, with one quiet line."""
-    timing = Timing(*[250, *[0] * 10])
+    timing = Timing(250, 0, 0, 0.0, 0.0, 0.0, 0.0, *(0.0, 0.0), command_p99=0.0, cpu_share=0.0)
     said = Outcome("finished", None, fault=None, timing=timing, cut={"range": 0, "speed": cut}, bus={}).told_cut()
     assert (str(cut) in said and f"({100 * cut / 250:.0f} %)" in said) if cut else said == ""
     assert ("env.smooth_weight" in said) is bool(warns)
