@@ -35,13 +35,17 @@ class Body:
     centre: tuple[float, float, float]
     tilted: bool = False
 
+    @property
+    def turn(self) -> np.ndarray:
+        """From the body's axes to those of the ground (3, 3)."""
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) if self.tilted else np.eye(3)
+
     def tensor(self, products: float = 1.0) -> np.ndarray:
         """Inertia in the axes of the ground (3, 3) [kg.m2]; ``products``: their sign in the tensor."""
         xx, yy, zz, xy, xz, yz = self.inertia
         xy, xz, yz = products * xy, products * xz, products * yz
         own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) if self.tilted else np.eye(3)
-        return turn @ own @ turn.T
+        return self.turn @ own @ self.turn.T
 
 
 FLEXIBLE: Mapping[str, Body] = {

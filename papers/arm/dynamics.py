@@ -16,10 +16,10 @@ from numpy.polynomial import chebyshev
 
 from ...actuators import Drivetrain, load_chain
 from ...common.errors import SealegsError
-from ...envs.arm.kinematics import tool
 from ...envs.arm.robot import ARM
 from ...envs.arm.tables import DAMPING, FLEXIBLE, JOINTS, STIFFNESS
 from ...envs.arm.trajectory import Line
+from .axes import TABLE_I, Axes
 
 NODES, DEGREE = 160, 100  # of the torques as polynomials of time
 STEP = 0.001  # [s] by Runge-Kutta: an ideal arm ends 0.4 nm from where it should
@@ -80,8 +80,8 @@ class Motion:
         return 1e3 * float(self.deviation.max())
 
 
-def model_of(joints: Joints, params: Mapping[str, float] | None = None) -> mujoco.MjModel:
-    """The arm with these joints, driven by torques on its rotors."""
+def model_of(joints: Joints, params: Mapping[str, float] | None = None, axes: Axes = TABLE_I) -> mujoco.MjModel:
+    """The arm with these joints on these axes, driven by torques on its rotors."""
     chains = {}
     for k, name in enumerate(JOINTS):
         stages: list[dict[str, object]] = [{"torque_command": {"armature": rotor_inertia(k)}}]
@@ -95,34 +95,48 @@ def model_of(joints: Joints, params: Mapping[str, float] | None = None) -> mujoc
         joint = model.joint(f"{name}_motor" if joints.link_stiffness is not None else name)
         model.dof_damping[joint.dofadr[0]] = joints.stator_damping[k]
         model.jnt_stiffness[joint.id] = joints.stator_stiffness[k]
+    if axes != TABLE_I:
+        _move_axes(model, axes)
     return model
+
+
+def _move_axes(model: mujoco.MjModel, axes: Axes) -> None:
+    """Let links and rotors turn about these axes; at zero angles, all bodies stay where they are."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for joint in (model.joint(k) for k in range(model.njnt)):
+        axis = axes.joints[JOINTS.index(joint.name.removesuffix("_motor"))]
+        model.jnt_axis[joint.id] = axis.direction
+        model.jnt_pos[joint.id] = axis.point - data.xpos[joint.bodyid[0]]
 
 
 def rotor_inertia(joint: int) -> float:
     """Inertia of a rotor of table VIII about its joint's axis [kg.m2]."""
-    body = FLEXIBLE[f"rotor{joint + 1}"]
-    axis = ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))[joint]
-    origin = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.577), (0.29, 0.0, 0.577))[joint]
-    aside = np.cross(axis, np.subtract(body.centre, origin))
-    return float(np.array(axis) @ body.tensor() @ np.array(axis) + body.mass * (aside @ aside))
+    body, line = FLEXIBLE[f"rotor{joint + 1}"], TABLE_I.joints[joint]
+    axis = np.array(line.direction)
+    aside = np.cross(axis, np.subtract(body.centre, line.point))
+    return float(axis @ body.tensor() @ axis + body.mass * (aside @ aside))
 
 
-def ideal_torques(line: Line, params: Mapping[str, float] | None = None) -> Torques:
+def ideal_torques(line: Line, params: Mapping[str, float] | None = None, axes: Axes = TABLE_I) -> Torques:
     """Torques (n, 3) [N.m] of the ideal robot on the line, by time (n,) [s]: its inverse dynamics, as polynomials.
 
     Args:
         line: that the tool follows.
         params: numbers of the robot that the torques are computed for.
+        axes: of its joints.
     """
     half = 0.5 * line.seconds
     times = half * (1.0 + chebyshev.chebpts1(NODES))
-    fitted = chebyshev.chebfit(times / half - 1.0, inverse(line, times, params), DEGREE)
+    fitted = chebyshev.chebfit(times / half - 1.0, inverse(line, times, params, axes), DEGREE)
     return lambda time: chebyshev.chebval(np.asarray(time) / half - 1.0, fitted).T
 
 
-def inverse(line: Line, times: np.ndarray, params: Mapping[str, float] | None = None) -> np.ndarray:
+def inverse(
+    line: Line, times: np.ndarray, params: Mapping[str, float] | None = None, axes: Axes = TABLE_I
+) -> np.ndarray:
     """Torques (n, 3) [N.m] of the ideal robot at times (n,) [s]."""
-    model = model_of(PERFECT, params)
+    model = model_of(PERFECT, params, axes)
     data, torques = mujoco.MjData(model), np.empty((len(times), 3))
     for k, (place, speed, acceleration) in enumerate(zip(*line.joints(times), strict=True)):
         data.qpos[:], data.qvel[:], data.qacc[:] = place, speed, acceleration
@@ -137,6 +151,7 @@ def open_loop(
     params: Mapping[str, float] | None = None,
     torques: Torques | None = None,
     elastic_step: float = ELASTIC_STEP,
+    axes: Axes = TABLE_I,
 ) -> list[Motion]:
     """Torques of the ideal robot on the rotors of arms with these joints, and no controller.
 
@@ -148,8 +163,9 @@ def open_loop(
         cases: joints, one arm each.
         line: that the torques are for; default: the paper's, septic.
         params: numbers of the arms.
-        torques: by time; default: those of the ideal robot with the same numbers.
+        torques: by time; default: those of the ideal robot with the same numbers, on the axes of table I.
         elastic_step: of arms with springs between rotor and link [s].
+        axes: of the arms' joints.
 
     Raises:
         SealegsError: an arm became unstable.
@@ -162,13 +178,13 @@ def open_loop(
         chosen = [k for k, item in enumerate(cases) if (item.link_stiffness is not None) is elastic]
         if not chosen:
             continue
-        times, angles = _integrate([cases[k] for k in chosen], line.seconds, step, params, drive)
+        times, angles = _integrate([cases[k] for k in chosen], line.seconds, step, params, drive, axes)
         wanted = line.tool(times)
         if elastic:
-            _, ideal = _integrate([PERFECT], line.seconds, step, params, own, RIGID_BESIDE)
-            wanted = tool(ideal[0], line.lengths)
+            _, ideal = _integrate([PERFECT], line.seconds, step, params, own, TABLE_I, RIGID_BESIDE)
+            wanted = TABLE_I.place(ideal[0])
         for k, links in zip(chosen, angles, strict=True):
-            found[k] = Motion(times, links, tool(links, line.lengths), wanted)
+            found[k] = Motion(times, links, axes.place(links), wanted)
     return [found[k] for k in range(len(cases))]
 
 
@@ -178,12 +194,13 @@ def _integrate(
     step: float,
     params: Mapping[str, float] | None,
     drive: Torques,
+    axes: Axes,
     integrator: mujoco.mjtIntegrator | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) [s] and angles of the links (cases, n, 3) [rad], side by side in one batch."""
     first = cases[0]
     elastic = first.link_stiffness is not None
-    model = model_of(first, params)
+    model = model_of(first, params, axes)
     model.opt.timestep = step
     model.opt.integrator = integrator or (RIGID_BESIDE if elastic else mujoco.mjtIntegrator.mjINT_RK4)
     batch = Batch(model, len(cases), 0)

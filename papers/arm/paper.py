@@ -11,16 +11,18 @@ from numpy.polynomial import chebyshev
 from ...envs.arm.parameters import without_rotors
 from ...envs.arm.tables import DAMPING, JOINTS, STIFFNESS
 from ...envs.arm.trajectory import Line
+from .axes import SIMPLE_HINGES, SIMPLE_TORQUES, tilt
 from .control import Robust, closed_loop
 from .dynamics import FINAL_MODEL, PERFECT, Joints, Motion, Three, Torques, ideal_torques, open_loop
+from .readings import Outcome, outcome, readings, referred
 
 MARKS = (1.0, 30.0)  # [mm] of section 5.1
 STATOR = np.logspace(-7.0, 1.0, 17)  # k_r between stator and rotor, alike in all joints [N.m/rad]
 SPRING = np.logspace(-2.0, 3.0, 11)  # k_r between rotor and link, likewise
 DAMPINGS = np.logspace(-5.0, 1.0, 13)  # c_r of one joint [N.m.s/rad]; the paper's range is not printed
-HIGHEST = 0.1  # [N.m.s/rad] the highest c_r1 beside which c_r3 is changed: the tool still follows the line
-BESIDE = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # c_r3 beside it
-LATE = 0.75  # share of the time after which the vertical motion is compared: the wanted one still rises
+BASES = (1e-4, 1e-3, 1e-2, 1e-1)  # c_r of two joints beside which the third's is changed
+BESIDE = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # that third c_r
+HIGHEST = 0.1  # [N.m.s/rad] the c_r1 for which c_r3 is drawn: the tool still follows the line
 SMOOTHING = (5, 7, 9, 11)  # degrees of polynomials that smooth the torques; the paper's is not printed
 
 
@@ -29,39 +31,40 @@ class Results:
     """Everything that is compared with the paper.
 
     Attributes:
-        perfect: the ideal arm under its own torques.
-        final: table X under them.
+        final: table X under the torques of the ideal arm.
         parts: table X's dampers alone, and its springs alone.
         stator: largest deviation [mm] with each of :data:`STATOR`.
         spring: with each of :data:`SPRING`.
-        damping: with each of :data:`DAMPINGS` in one joint, by joint.
-        beside: motions with :data:`HIGHEST` in joint 1 and each of :data:`BESIDE` in joint 3.
+        damping: motions with each of :data:`DAMPINGS` in one joint, by joint.
+        third: motions by c_r1, each of :data:`DAMPINGS`, and c_r3, each of :data:`BESIDE`.
+        changed: motions by joint, by c_r of the two other joints, each of :data:`BASES`, and by its own c_r.
         crossing: motions with each of :data:`BESIDE` in joint 3 alone.
-        mixed: motions of the arm of table VIII under the torques of table II, by what else is changed.
+        outcomes: of all readings of the final model.
+        tilted_torque: largest deviation of the ideal arm where the torque of joint 2 acts on table VII's axis [mm].
         varied: table X's deviation, its dampers' and its springs' [mm] with other assumptions.
         smoothed: largest deviation of the ideal arm [mm] by degree of the polynomials that smooth its torques.
         controlled: largest error [mm] by arm and controller.
     """
 
-    perfect: Motion
     final: Motion
     parts: dict[str, Motion]
     stator: np.ndarray
     spring: np.ndarray
-    damping: dict[str, np.ndarray]
-    beside: dict[float, Motion]
+    damping: dict[str, list[Motion]]
+    third: dict[float, dict[float, Motion]]
+    changed: dict[str, dict[float, dict[float, Motion]]]
     crossing: dict[float, Motion]
-    mixed: dict[str, Motion]
+    outcomes: dict[str, Outcome]
+    tilted_torque: float
     varied: dict[str, tuple[float, float, float]]
     smoothed: dict[int, float]
     controlled: dict[str, dict[str, float]]
 
 
-def one(joint: int, value: float) -> Joints:
-    """A damper between stator and rotor of one joint alone."""
-    damping = [0.0, 0.0, 0.0]
-    damping[joint] = value
-    return Joints((damping[0], damping[1], damping[2]))
+def with_damper(joint: int, value: float, others: float = 0.0) -> Joints:
+    """A damper between stator and rotor of one joint, and of the others."""
+    first, second, third = (value if k == joint else others for k in range(3))
+    return Joints((first, second, third))
 
 
 def alike(value: float) -> tuple[float, float, float]:
@@ -80,60 +83,66 @@ def changes() -> dict[str, dict[str, float]]:
 def run(say: Callable[[str], None]) -> Results:
     """All experiments."""
     say("torques of the ideal robot on perfect, damped and sprung joints")
-    cases: list[Joints] = [PERFECT, Joints(DAMPING)]
-    cases += [Joints(stator_stiffness=alike(float(value))) for value in STATOR]
-    cases += [one(joint, float(value)) for joint in range(3) for value in DAMPINGS]
-    cases += [Joints((HIGHEST, 0.0, value)) for value in BESIDE]
-    cases += [one(2, value) for value in BESIDE]
-    rigid = open_loop(cases)
-    at = 2 + len(STATOR)
-    grid = {name: rigid[at + k * len(DAMPINGS) : at + (k + 1) * len(DAMPINGS)] for k, name in enumerate(JOINTS)}
-    at += 3 * len(DAMPINGS)
+    damping, third, changed = parametric_study()
+    damped, *stator = open_loop([Joints(DAMPING), *(Joints(stator_stiffness=alike(float(k))) for k in STATOR)])
     say("springs between rotors and links")
     sprung = Joints(link_stiffness=STIFFNESS)
-    elastic = open_loop([FINAL_MODEL, sprung, *(Joints(link_stiffness=alike(float(value))) for value in SPRING)])
-    say("torques of tables II and III on the arm of tables VIII and IX")
-    mixed = mixed_tables()
+    final, springs, *soft = open_loop(
+        [FINAL_MODEL, sprung, *(Joints(link_stiffness=alike(float(value))) for value in SPRING)]
+    )
+    say("readings of the final model")
+    outcomes = {name: outcome(reading) for name, reading in readings().items()}
     say("other assumptions")
     varied = {}
     for name, params in changes().items():
-        damped = open_loop([Joints(DAMPING)], params=params)[0].largest
-        whole, springs = (motion.largest for motion in open_loop([FINAL_MODEL, sprung], params=params))
-        varied[name] = (whole, damped, springs)
+        only = open_loop([Joints(DAMPING)], params=params)[0].largest
+        whole, alone = (motion.largest for motion in open_loop([FINAL_MODEL, sprung], params=params))
+        varied[name] = (whole, only, alone)
     say("controllers")
     return Results(
-        perfect=rigid[0],
-        final=elastic[0],
-        parts={"dampers": rigid[1], "springs": elastic[1]},
-        stator=_largest(rigid[2 : 2 + len(STATOR)]),
-        spring=_largest(elastic[2:]),
-        damping={name: _largest(motions) for name, motions in grid.items()},
-        beside=dict(zip(BESIDE, rigid[at : at + len(BESIDE)], strict=True)),
-        crossing=dict(zip(BESIDE, rigid[at + len(BESIDE) :], strict=True)),
-        mixed=mixed,
+        final=final,
+        parts={"dampers": damped, "springs": springs},
+        stator=_largest(stator),
+        spring=_largest(soft),
+        damping=damping,
+        third=third,
+        changed=changed,
+        crossing=dict(zip(BESIDE, open_loop([with_damper(2, value) for value in BESIDE]), strict=True)),
+        outcomes=outcomes,
+        tilted_torque=tilted_torque(),
         varied=varied,
         smoothed=smoothed(),
         controlled=controlled(),
     )
 
 
+def parametric_study() -> tuple[
+    dict[str, list[Motion]], dict[float, dict[float, Motion]], dict[str, dict[float, dict[float, Motion]]]
+]:
+    """Section 5.2: one damper alone by joint; c_r3 beside c_r1; and each damper beside two others."""
+    dampings = [float(value) for value in DAMPINGS]
+    cases = [with_damper(joint, value) for joint in range(3) for value in dampings]
+    cases += [Joints((first, 0.0, value)) for first in dampings for value in BESIDE]
+    cases += [with_damper(joint, value, base) for joint in range(3) for base in BASES for value in BESIDE]
+    motions = iter(open_loop(cases))
+    damping = {name: [next(motions) for _ in dampings] for name in JOINTS}
+    third = {first: {value: next(motions) for value in BESIDE} for first in dampings}
+    changed = {name: {base: {value: next(motions) for value in BESIDE} for base in BASES} for name in JOINTS}
+    return damping, third, changed
+
+
 def _largest(motions: Sequence[Motion]) -> np.ndarray:
     return np.array([motion.largest for motion in motions])
 
 
-def mixed_tables() -> dict[str, Motion]:
-    """The arm of table VIII under the torques that the robotics approach gives with table II, by what is changed."""
-    line, simple = Line(), without_rotors()
-    other = changes()["products of inertia of the other sign"]
-    arms: dict[str, tuple[Joints, dict[str, float] | None, dict[str, float]]] = {
-        "": (PERFECT, None, simple),
-        "table X's dampers": (Joints(DAMPING), None, simple),
-        "products of inertia of the other sign": (PERFECT, other, simple | other),
-    }
-    return {
-        name: open_loop([joints], params=params, torques=ideal_torques(line, believed))[0]
-        for name, (joints, params, believed) in arms.items()
-    }
+def tilted_torque() -> float:
+    """Largest deviation of the ideal arm [mm] where the torque of joint 2 acts on table VII's axis, which leans."""
+    points, hinge = SIMPLE_TORQUES[1], SIMPLE_HINGES[1]
+    lean = np.radians(tilt(np.subtract(points[1], points[0]), np.subtract(hinge.on_first[1], hinge.on_first[0])))
+    simple = without_rotors()
+    whole = ideal_torques(Line(), simple)
+    share = np.array([1.0, np.cos(lean), 1.0])
+    return open_loop([PERFECT], params=simple, torques=lambda time: whole(time) * share)[0].largest
 
 
 def smoothed() -> dict[int, float]:
@@ -153,11 +162,11 @@ def _polynomial(moments: np.ndarray, torques: np.ndarray, degree: int, seconds: 
 
 def controlled() -> dict[str, dict[str, float]]:
     """Largest error of the tool [mm] by arm and controller, which believes table VIII, or II where that is said."""
-    damped = Joints(times(DAMPING, 100.0), link_stiffness=STIFFNESS)
+    damped = Joints(referred(3), link_stiffness=STIFFNESS)
     softer = Joints(DAMPING, link_stiffness=times(STIFFNESS, 0.1))
     arms: dict[str, tuple[Joints, Mapping[str, float] | None, Mapping[str, float] | None]] = {
         "table X": (FINAL_MODEL, None, None),
-        "100 times the damping": (damped, None, None),
+        "table X, motor referred": (damped, None, None),
         "a tenth of the stiffness": (softer, None, None),
         "0.1 kg at the tool": (FINAL_MODEL, {"payload_mass": 0.1}, None),
         "torques of table II": (FINAL_MODEL, None, without_rotors()),
@@ -188,19 +197,13 @@ def mark(values: np.ndarray, deviations: np.ndarray, level: float) -> float:
     return float(np.exp(x[0] + (np.log(level) - y[0]) / (y[1] - y[0]) * (x[1] - x[0])))
 
 
-def late_rise(motion: Motion) -> tuple[float, float]:
-    """How far the tool rises in the last quarter of the time, and how far it should [mm]."""
-    start = int(LATE * (len(motion.time) - 1))
-    found, wanted = (1e3 * float(place[-1, 2] - place[start, 2]) for place in (motion.tool, motion.wanted))
-    return found, wanted
-
-
-def crossings(motions: Mapping[float, Motion]) -> int:
-    """How many pairs of curves of the deviation over time cross by more than a tenth of a millimetre to both sides."""
-    curves = [1e3 * motion.deviation for value, motion in motions.items() if value > 0.0]
-    count = 0
-    for k, first in enumerate(curves):
-        for second in curves[k + 1 :]:
+def crossing_pairs(motions: Mapping[float, Motion]) -> list[tuple[float, float]]:
+    """Dampings whose curves of the deviation over time cross by more than a tenth of a millimetre to both sides."""
+    curves = [(value, 1e3 * motion.deviation) for value, motion in motions.items() if value > 0.0]
+    found = []
+    for k, (low, first) in enumerate(curves):
+        for high, second in curves[k + 1 :]:
             gap = first - second
-            count += bool(gap.max() > 0.1 and gap.min() < -0.1)
-    return count
+            if gap.max() > 0.1 and gap.min() < -0.1:
+                found.append((low, high))
+    return found

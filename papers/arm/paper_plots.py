@@ -11,7 +11,7 @@ from ...envs.arm.tables import DAMPING, JOINTS, STIFFNESS
 from ...envs.arm.trajectory import Line
 from ...evaluation.plot_style import STYLE, plt
 from .dynamics import inverse
-from .paper import DAMPINGS, MARKS, SPRING, STATOR, Results
+from .paper import DAMPINGS, HIGHEST, MARKS, SPRING, STATOR, Results
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green")
 
@@ -70,14 +70,16 @@ def plot_damping(results: Results, path: Path) -> None:
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(1, 3, figsize=(13.0, 3.9))
         for k, name in enumerate(JOINTS):
-            axes[0].loglog(DAMPINGS, results.damping[name], "o-", color=COLOURS[k], ms=3, label=name)
+            axes[0].loglog(
+                DAMPINGS, [m.largest for m in results.damping[name]], "o-", color=COLOURS[k], ms=3, label=name
+            )
             axes[0].axvline(DAMPING[k], color=COLOURS[k], lw=0.7, ls=":")
         axes[0].set_xlabel("$c_r$ of one joint [N.m.s/rad] (dotted: table X)")
         axes[0].set_ylabel("largest deviation of the tool [mm]")
         axes[0].legend(frameon=False, fontsize=8)
         shades = plt.get_cmap("viridis")
         for axis, motions, title in (
-            (axes[1], results.beside, "highest $c_{r1}$, and $c_{r3}$ of"),
+            (axes[1], results.third[HIGHEST], "highest $c_{r1}$, and $c_{r3}$ of"),
             (axes[2], results.crossing, "$c_{r3}$ alone, of"),
         ):
             for k, (value, motion) in enumerate(motions.items()):
@@ -90,9 +92,10 @@ def plot_damping(results: Results, path: Path) -> None:
 
 def plot_tool(results: Results, path: Path) -> None:
     """Figures 24 and 25: the tool's coordinates and deviation."""
+    shown = (("motor", "tab:red"), ("axes", "tab:orange"), ("torques", "tab:green"))
     cases = (
         ("table X", results.final, "tab:blue"),
-        ("torques of table II on the arm of table VIII", results.mixed[""], "tab:red"),
+        *((results.outcomes[name].reading.text, results.outcomes[name].motion, colour) for name, colour in shown),
     )
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(4, 1, figsize=(7.5, 8.0), sharex=True)

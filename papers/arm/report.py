@@ -12,10 +12,10 @@ from ...common.atomic import write_text
 from ...common.errors import SealegsError
 from ...envs.arm.parameters import NUMBERS
 from ...envs.arm.tables import JOINTS
-from ..published import documents, row_lines
 from . import paper
+from .choices import PAPER
 from .control import Robust
-from .rows import rows
+from .rows import reading_lines, rows
 
 
 def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print) -> dict[str, Any]:
@@ -37,11 +37,12 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
     results = paper.run(say)
     found = rows(results)
     document = {
-        "rows": documents(found),
+        **PAPER.document(found),
         "stator_stiffness": {"N.m/rad": paper.STATOR.tolist(), "mm": results.stator.tolist()},
         "link_stiffness": {"N.m/rad": paper.SPRING.tolist(), "mm": results.spring.tolist()},
-        "damping": {"N.m.s/rad": paper.DAMPINGS.tolist()} | {k: v.tolist() for k, v in results.damping.items()},
-        "beside_the_highest": {f"{value:g}": motion.largest for value, motion in results.beside.items()},
+        "damping": {"N.m.s/rad": paper.DAMPINGS.tolist()}
+        | {name: [motion.largest for motion in motions] for name, motions in results.damping.items()},
+        "beside_the_highest": {f"{value:g}": m.largest for value, m in results.third[paper.HIGHEST].items()},
         "smoothed_torques": results.smoothed,
         "controllers": results.controlled,
         "robust": asdict(Robust()),
@@ -54,7 +55,7 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
     paper_plots.plot_stiffness(results, out / "stiffness.png")
     paper_plots.plot_damping(results, out / "damping.png")
     paper_plots.plot_tool(results, out / "tool.png")
-    for line in (*row_lines("paper 002", found), *damping_table(results), *controller_table(results)):
+    for line in (*PAPER.lines(found), *reading_lines(results), *damping_table(results), *controller_table(results)):
         say(line)
     say(f"Written: {out}/arm.json, trajectory.png, stiffness.png, damping.png, tool.png")
     return document
@@ -65,7 +66,7 @@ def damping_table(results: paper.Results) -> list[str]:
     lines = ["largest deviation of the tool [mm], a damper in one joint alone", f"{'c_r [N.m.s/rad]':>16}"]
     lines[1] += "".join(f"{name:>10}" for name in JOINTS)
     for k, value in enumerate(paper.DAMPINGS):
-        lines.append(f"{value:16.2g}" + "".join(f"{results.damping[name][k]:10.3g}" for name in JOINTS))
+        lines.append(f"{value:16.2g}" + "".join(f"{results.damping[name][k].largest:10.3g}" for name in JOINTS))
     return [*lines, ""]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from mujoco.batch import Batch
@@ -21,7 +22,7 @@ from ...envs.leg import path
 from ...envs.leg.inertia import rotors
 from ...envs.leg.kinematics import angles, foot, lengthening
 from ...envs.leg.robot import JOINTS, LEG, chains_of
-from .dynamics import constants
+from .dynamics import constants, coriolis, gravity, mass_matrix
 
 PERIOD = 0.002  # [s] of goals, and of the digital controllers
 SETTLING = 0.2  # [s] of the start that no figure looks at
@@ -41,12 +42,12 @@ class Model:
     """What the host knows of the leg.
 
     Attributes:
-        perturbation: None: none is compensated.
+        perturbation: the simplified one (28) to (30), or ``whole``, that of (25); None: none is compensated.
         friction: whether (16) is compensated.
         inertia: whether the constant equivalent inertia is.
     """
 
-    perturbation: Lines | None
+    perturbation: Lines | Literal["whole"] | None
     friction: bool
     inertia: bool = True
 
@@ -88,7 +89,11 @@ def advance_duty(
     torque = np.zeros_like(q)
     if model.inertia:
         torque += (rotors(values) + np.array([k.h, k.l, k.m])) * acceleration
-    if model.perturbation is not None:
+    if model.perturbation == "whole":
+        constant = np.array([k.h, k.l, k.m]) * acceleration
+        torque += np.einsum("...ij,...j->...i", mass_matrix(k, q), acceleration) - constant
+        torque += coriolis(k, q, speed) + gravity(k, q)
+    elif model.perturbation is not None:
         reach = lengthening(values, q)[..., None]
         torque += np.array(model.perturbation.slope) * reach + np.array(model.perturbation.offset)
     duty = np.empty_like(q)

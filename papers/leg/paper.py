@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -21,6 +21,7 @@ OWN_SPEED = 0.4  # [m/s] highest of a straight line with the printed mean of 0.2
 REACH_LOW, REACH_HIGH = np.array([0.10, -0.35, -0.42]), np.array([0.50, 0.35, 0.10])  # [m] ends of lines, assumed
 SHORTEST = 0.10  # [m] of a line
 SAMPLES = 400
+EFFICIENCY = (0.60, 0.80 * 0.70, 0.80 * 0.70)  # of the gears, table V
 RULE = 0.05  # step 3: a term is significant from here on
 
 
@@ -96,12 +97,23 @@ class Analysis:
 
     def along(self, line: np.ndarray, speed: float) -> Contributions:
         """Contributions along a line whose highest speed is ``speed`` [m/s]."""
-        lasts = 2.0 * float(np.linalg.norm(line[1] - line[0])) / speed
-        time, step = np.linspace(0.0, lasts, SAMPLES + 2)[1:-1], 1e-4 * lasts
-        command = np.concatenate([line[0], line[1], [lasts]])
+        return self.in_time(line, 2.0 * float(np.linalg.norm(line[1] - line[0])) / speed)
+
+    def in_time(self, line: np.ndarray, seconds: float, joints_straight: bool = False) -> Contributions:
+        """Contributions between the ends of a line in a time [s], bang-bang in acceleration.
+
+        Args:
+            line: begin and end of the foot (2, 3) [m].
+            seconds: that it takes.
+            joints_straight: each joint goes straight from its first to its last angle, and the foot does not.
+        """
+        time, step = np.linspace(0.0, seconds, SAMPLES + 2)[1:-1], 1e-4 * seconds
+        ends = angles(self.values, line) if joints_straight else line
+        command = np.concatenate([ends[0], ends[1], [seconds]])
 
         def reference(at: np.ndarray) -> np.ndarray:
-            return angles(self.values, path.position(np.tile(command, (len(at), 1)), at))
+            place = path.position(np.tile(command, (len(at), 1)), at)
+            return place if joints_straight else angles(self.values, place)
 
         q, ahead, behind = reference(time), reference(time + step), reference(time - step)
         rate, acceleration = (ahead - behind) / (2.0 * step), (ahead - 2.0 * q + behind) / step**2
@@ -179,18 +191,37 @@ def against_engine(count: int = 200, seed: int = 0) -> dict[str, float]:
     return found
 
 
-def fastest(analysis: Analysis, line: np.ndarray, volts: float) -> float:
-    """Highest mean speed of the foot along a line at which no motor needs more than the supply's voltage [m/s]."""
+def own_shares(rows: Sequence[Contributions]) -> np.ndarray:
+    """Largest Coriolis torque over the largest perturbation of the same joint, by line and joint (n, 3)."""
+    return np.array([peak(row.coriolis) / peak(row.perturbation) for row in rows])
+
+
+def worst_by_seed(analysis: Analysis, speed: float, count: int, seeds: int) -> list[float]:
+    """Error of leaving out Coriolis on the worst of ``count`` lines, by the seed that they are drawn with."""
+    return [
+        max(coriolis_error(analysis.along(line, speed)) for line in analysis.lines(count, horizontal=True, seed=seed))
+        for seed in range(seeds)
+    ]
+
+
+def by_efficiency(row: Contributions) -> np.ndarray:
+    """What friction is by the gears' efficiencies (6) in place of (16), at the joints (n, 3) [N.m]."""
+    return (1.0 / np.array(EFFICIENCY) - 1.0) * row.constant
+
+
+def fastest(analysis: Analysis, line: np.ndarray, volts: float, joints_straight: bool = False) -> float:
+    """Highest mean speed of the foot between the ends of a line at which no motor needs more than ``volts`` [m/s]."""
     chains = chains_of("silo4")
-    low, high = 0.02, 3.0
+    short, long = 0.01, 60.0
     for _ in range(14):
-        middle = float(np.sqrt(low * high))
-        found = analysis.along(line, 2.0 * middle)
+        middle = float(np.sqrt(short * long))
+        found = analysis.in_time(line, middle, joints_straight)
         rate = np.gradient(found.q, found.time, axis=0)
         needed = 0.0
         for j, name in enumerate(JOINTS):
             motor, ratio = chains[name].find("dc_motor"), chains[name].gear_ratio()
             voltage = motor.resistance * found.total[:, j] / (motor.motor_constant * ratio)
             needed = max(needed, float(np.abs(voltage + motor.back_emf * ratio * rate[:, j]).max()))
-        low, high = (middle, high) if needed <= volts else (low, middle)
-    return low
+        short, long = (short, middle) if needed <= volts else (middle, long)
+    way = foot(analysis.values, analysis.in_time(line, long, joints_straight).q)
+    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum() / long)

@@ -12,23 +12,61 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.arm.kinematics import chain, jacobian, joints, tool
 from sealegs.envs.arm.parameters import without_rotors
 from sealegs.envs.arm.robot import ARM, LINKS, ROTORS
-from sealegs.envs.arm.tables import DAMPING, FINAL, JOINTS, STIFFNESS
+from sealegs.envs.arm.tables import DAMPING, FINAL, FLEXIBLE, JOINTS, SIMPLE, STIFFNESS
 from sealegs.envs.arm.task import ArmTask
 from sealegs.envs.arm.trajectory import Line
 from sealegs.envs.engine.batch import BatchEngine
+from sealegs.papers.arm.axes import (
+    HINGES,
+    SIDES,
+    SIMPLE_HINGES,
+    TABLE_I,
+    beside_table_one,
+    gap,
+    printed_axes,
+    simple_axes,
+)
 from sealegs.papers.arm.control import Robust, closed_loop
 from sealegs.papers.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
-from sealegs.papers.arm.paper import late_rise, mark
-from sealegs.papers.arm.rows import kinematic_rows, stiffness_rows
+from sealegs.papers.arm.paper import mark
+from sealegs.papers.arm.readings import fall, gear_ratio, late_rise, outcome, readings, referred
+from sealegs.papers.arm.rows import extent, kinematic_rows, stiffness_rows
 
 # --- tables and kinematics -------------------------------------------------------------------------------------------
 
 
-def test_tables_one_and_four_come_out_within_a_thousandth() -> None:
+def test_tables_one_and_four_come_out_and_what_was_chosen_for_them_is_marked_fitted() -> None:
     rows = [*kinematic_rows(), *stiffness_rows()]
-    assert len(rows) == 17
-    assert all(row.holds for row in rows), [row.name for row in rows if not row.holds]
-    assert {row.mark for row in rows} == {"follows from the inputs"}
+    missed = [row.name for row in rows if not row.holds]
+    assert missed == [
+        *(
+            f"gear {number}: {what}"
+            for number in (1, 2)
+            for what in ("I with the printed width", "k of the text's cantilever")
+        ),
+        *(f"gear {number}: k of the text's cantilever" for number in (3, 4)),
+        "shaft: k with the text's G",
+    ]
+    assert all(bool(row.rests) is (row.mark == "fitted") for row in rows)
+
+
+def test_tables_nine_eleven_and_twelve_close_and_lean_against_table_one() -> None:
+    assert max(gap(hinge, FLEXIBLE) for hinge in HINGES) < 5e-5
+    lean, beside = beside_table_one(printed_axes())
+    assert lean == pytest.approx(0.98, abs=0.01) and beside == pytest.approx(10.2, abs=0.1)
+    assert [1e3 * gap(hinge, SIMPLE) for hinge in SIMPLE_HINGES] == pytest.approx([0.0, 7.0, 10.1], abs=0.1)
+
+
+def test_the_tool_on_axes_is_that_of_table_one_and_of_the_engine() -> None:
+    angles = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 3))
+    assert TABLE_I.place(angles) == pytest.approx(tool(angles), abs=1e-12)
+    for axes in (printed_axes(), *(simple_axes(side) for side in SIDES)):
+        model = model_of(PERFECT, axes=axes)
+        data = mujoco.MjData(model)
+        for row in angles:
+            data.qpos[:] = row
+            mujoco.mj_kinematics(model, data)
+            assert axes.place(row) == pytest.approx(data.site("tool").xpos, abs=1e-12)
 
 
 def test_the_tool_is_where_the_three_steps_of_table_one_put_it_and_joints_follow_from_it() -> None:
@@ -115,6 +153,29 @@ def test_torques_of_the_other_table_turn_the_tools_rise_into_a_fall() -> None:
     found = open_loop([PERFECT], torques=ideal_torques(Line(), without_rotors()))[0]
     rise, wanted = late_rise(found)
     assert rise < -10.0 < 10.0 < wanted
+
+
+def test_motor_referred_damping_of_joint_1_alone_makes_z_fall_where_perfect_joints_let_it_rise() -> None:
+    assert gear_ratio() ** 2 == pytest.approx(361.0, abs=0.5)
+    assert referred(1) == pytest.approx((361.0 * DAMPING[0], *DAMPING[1:]), rel=1e-3)
+    found = outcome(readings()["motor 1"])
+    assert found.motion.largest == pytest.approx(222.0, abs=1.0) and found.order == "c_r1 > c_r3 > c_r2"
+    assert late_rise(found.motion)[0] == pytest.approx(-21.0, abs=1.0)
+    assert found.opposite and fall(found.perfect)[0] == 0.0
+
+
+@pytest.mark.long
+def test_each_of_three_readings_makes_z_fall_and_all_at_once_do_not() -> None:
+    falls = {name: outcome(reading).opposite for name, reading in readings().items()}
+    opposite = {name for name, value in falls.items() if value}
+    assert opposite == {"motor 1", "motor", "axes", "torques", "axes, motor", "simple"}
+
+
+def test_a_statement_that_holds_for_some_values_is_told_as_their_range() -> None:
+    values = (1.0, 2.0, 3.0, 4.0)
+    assert extent([True, True, False, True], values) == "1 to 2, 4 (3 of 4)"
+    assert extent([True] * 4, values) == "everywhere from 1 to 4"
+    assert extent([False] * 4, values) == "nowhere from 1 to 4"
 
 
 @pytest.mark.long

@@ -1,0 +1,52 @@
+"""What the paper (paper 002) does not print and was chosen here, and what of it was not built."""
+
+from __future__ import annotations
+
+from ...envs.arm.parameters import NUMBERS
+from ..published import Choice, NotBuilt, Paper, assumed
+from .paper import BASES, BESIDE, DAMPINGS
+
+INERTIA = ("products", "rotor1_iyz")
+OPEN_LOOP = (*INERTIA, "way")
+"""What every motion of the arm of table VIII rests on."""
+TOOTH = tuple(f"gear {number}: k" for number in (1, 2, 3, 4))
+
+CHOICES = {
+    **assumed({name: number for name, number in NUMBERS.items() if name in INERTIA}),
+    "way": Choice(
+        "septic", "a quintic one has no bound of acceleration at the stretched start",
+        ("acceleration of joint 3 is finite at the start",),
+    ),
+    "y of link 1": Choice("-0.043 m", "table III prints +0.043 m", ("tables III, V and VI meet, joint 1",)),
+    "Z of joint 2 on link 1": Choice("-0.0576 m", "table XII prints 00.0576", ("tables IX, XI and XII meet",)),
+    "width of gears 1 and 2": Choice("9 mm", "4 mm are printed", ("gear 1: I", "gear 2: I")),
+    "E": Choice("200 GPa", "the text says 207 GPa", TOOTH),
+    "third of a cantilever": Choice("k = E I r2 / L3", "the text says a cantilever, of 3 E I / L3", TOOTH),
+    "G": Choice("80 GPa", "the text says 84 GPa", ("shaft: k",)),
+    "other gears": Choice("those of joint 1", "gears of joints 2 and 3 are not printed"),
+    "tool on the axes of tables XI and XII": Choice("(0.58, 0, 0.577) m", "printed for table I only"),
+    "range of c_r": Choice(f"{DAMPINGS[0]:g} to {DAMPINGS[-1]:g} N.m.s/rad", "covers all that changes anything"),
+    "c_r beside": Choice(
+        f"{BASES[0]:g} to {BASES[-1]:g} beside {BESIDE[1]:g} to {BESIDE[-1]:g} N.m.s/rad", "likewise"
+    ),
+    "softest real joint": Choice("a hundredth of 67 N.m/rad", "below any spring of table X"),
+}  # fmt: skip
+
+NOT_BUILT = (
+    NotBuilt("3", "counterbalances of 2.15 kg lower the driving torques", "where they sit is not printed, and the "
+             "paper's own model has no gravity, without which they only add inertia"),
+    NotBuilt("table X", "damping by the bearings' formulas", "the bearings are not printed"),
+    NotBuilt("table X", "503 and 67 N.m/rad of joints 2 and 3", "their gears and shafts are not printed"),
+    NotBuilt("2.1", "the joint between bodies held by Lagrange multipliers", "the engine has the joints' angles "
+             "instead: the same motion without drift, and no result of the paper is about the multipliers"),
+    NotBuilt("4", "torques smoothed by polynomials", "their degree is not printed; degrees 5 to 11 stand as a "
+             "sensitivity, and the torques are not smoothed"),
+    NotBuilt("18 to 25", "curves", "the figures are not at hand: only what the text says of them is a row"),
+    NotBuilt("5.3", "experimental coordinates like the ideal arm's, with high deviation", "no measurement is printed"),
+    NotBuilt("5.3", "the inverse model has several solutions", "it has one: the mass matrix of an arm is positive "
+             "definite. What makes z fall stands in the rows"),
+    NotBuilt("6", "experiments agree to a large extent with the final model", "contradicts 5.3, where the model's "
+             "results are entirely different; no measurement is printed"),
+)  # fmt: skip
+
+PAPER = Paper("paper 002", CHOICES, NOT_BUILT)
