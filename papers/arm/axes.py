@@ -18,7 +18,7 @@ import numpy as np
 from ...envs.arm.tables import FLEXIBLE, SIMPLE, TOOL, Body
 
 Point = tuple[float, float, float]
-GROUND = Body(0.0, (0.0,) * 6, (0.0, 0.0, 0.0))
+GROUND = Body(0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 SIDES = ("first", "second")
 
 

@@ -22,7 +22,7 @@ from ...envs.arm.trajectory import Line
 from .axes import TABLE_I, Axes
 
 NODES, DEGREE = 160, 100  # of the torques as polynomials of time
-STEP = 0.001  # [s] by Runge-Kutta: an ideal arm ends 0.4 nm from where it should
+STEP = 0.001  # [s] by Runge-Kutta: an ideal arm keeps within 0.4 um of where it should be
 ELASTIC_STEP = 0.001  # [s]; 0.3 % of the final model's deviation, see docs/results/arm.md
 SAMPLE = 0.01  # [s] between looks at the tool
 RIGID_BESIDE = mujoco.mjtIntegrator.mjINT_DISCRETE

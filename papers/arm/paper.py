@@ -23,6 +23,7 @@ DAMPINGS = np.logspace(-5.0, 1.0, 13)  # c_r of one joint [N.m.s/rad]; the paper
 BASES = (1e-4, 1e-3, 1e-2, 1e-1)  # c_r of two joints beside which the third's is changed
 BESIDE = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # that third c_r
 HIGHEST = 0.1  # [N.m.s/rad] the c_r1 for which c_r3 is drawn: the tool still follows the line
+STEPS = (0.001, 0.0005)  # [s] of arms with springs, to see what the step does
 SMOOTHING = (5, 7, 9, 11)  # degrees of polynomials that smooth the torques; the paper's is not printed
 
 
@@ -40,6 +41,8 @@ class Results:
         changed: motions by joint, by c_r of the two other joints, each of :data:`BASES`, and by its own c_r.
         crossing: motions with each of :data:`BESIDE` in joint 3 alone.
         outcomes: of all readings of the final model.
+        steps: table X's deviation [mm] by step of the simulation [ms].
+        ideal: largest deviation of the ideal arm under its own torques [mm].
         tilted_torque: largest deviation of the ideal arm where the torque of joint 2 acts on table VII's axis [mm].
         varied: table X's deviation, its dampers' and its springs' [mm] with other assumptions.
         smoothed: largest deviation of the ideal arm [mm] by degree of the polynomials that smooth its torques.
@@ -55,6 +58,8 @@ class Results:
     changed: dict[str, dict[float, dict[float, Motion]]]
     crossing: dict[float, Motion]
     outcomes: dict[str, Outcome]
+    steps: dict[str, float]
+    ideal: float
     tilted_torque: float
     varied: dict[str, tuple[float, float, float]]
     smoothed: dict[int, float]
@@ -84,7 +89,9 @@ def run(say: Callable[[str], None]) -> Results:
     """All experiments."""
     say("torques of the ideal robot on perfect, damped and sprung joints")
     damping, third, changed = parametric_study()
-    damped, *stator = open_loop([Joints(DAMPING), *(Joints(stator_stiffness=alike(float(k))) for k in STATOR)])
+    ideal, damped, *stator = open_loop(
+        [PERFECT, Joints(DAMPING), *(Joints(stator_stiffness=alike(float(k))) for k in STATOR)]
+    )
     say("springs between rotors and links")
     sprung = Joints(link_stiffness=STIFFNESS)
     final, springs, *soft = open_loop(
@@ -109,6 +116,8 @@ def run(say: Callable[[str], None]) -> Results:
         changed=changed,
         crossing=dict(zip(BESIDE, open_loop([with_damper(2, value) for value in BESIDE]), strict=True)),
         outcomes=outcomes,
+        steps={f"{1e3 * step:g}": open_loop([FINAL_MODEL], elastic_step=step)[0].largest for step in STEPS},
+        ideal=ideal.largest,
         tilted_torque=tilted_torque(),
         varied=varied,
         smoothed=smoothed(),

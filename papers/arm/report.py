@@ -13,9 +13,11 @@ from ...common.errors import SealegsError
 from ...envs.arm.parameters import NUMBERS
 from ...envs.arm.tables import JOINTS
 from . import paper
+from .axes import beside_table_one, printed_axes
 from .choices import PAPER
 from .control import Robust
-from .rows import reading_lines, rows
+from .readings import gear_ratio, late_rise
+from .rows import reading_lines, rows, summary
 
 
 def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print) -> dict[str, Any]:
@@ -36,8 +38,23 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
     out.mkdir(parents=True, exist_ok=True)
     results = paper.run(say)
     found = rows(results)
+    tables = {
+        "readings": reading_lines(results),
+        "damping": damping_table(results),
+        "controllers": controller_table(results),
+    }
     document = {
         **PAPER.document(found),
+        "tables": {name: "\n".join(lines).rstrip() for name, lines in tables.items()},
+        "figures": {
+            "ratio": gear_ratio(),
+            "counts": gear_ratio() ** 2,
+            "lean": beside_table_one(printed_axes())[0],
+            "wanted": late_rise(results.outcomes["plain"].motion)[1],
+            "ideal": 1e3 * results.ideal,
+            "steps": ", ".join(f"{mm:.3f} mm at {ms} ms" for ms, mm in results.steps.items()),
+        },
+        "readings": {name: summary(item) for name, item in results.outcomes.items()},
         "stator_stiffness": {"N.m/rad": paper.STATOR.tolist(), "mm": results.stator.tolist()},
         "link_stiffness": {"N.m/rad": paper.SPRING.tolist(), "mm": results.spring.tolist()},
         "damping": {"N.m.s/rad": paper.DAMPINGS.tolist()}
@@ -55,7 +72,7 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
     paper_plots.plot_stiffness(results, out / "stiffness.png")
     paper_plots.plot_damping(results, out / "damping.png")
     paper_plots.plot_tool(results, out / "tool.png")
-    for line in (*PAPER.lines(found), *reading_lines(results), *damping_table(results), *controller_table(results)):
+    for line in (*PAPER.lines(found), *(line for lines in tables.values() for line in lines)):
         say(line)
     say(f"Written: {out}/arm.json, trajectory.png, stiffness.png, damping.png, tool.png")
     return document

@@ -161,7 +161,7 @@ def test_motor_referred_damping_of_joint_1_alone_makes_z_fall_where_perfect_join
     found = outcome(readings()["motor 1"])
     assert found.motion.largest == pytest.approx(222.0, abs=1.0) and found.order == "c_r1 > c_r3 > c_r2"
     assert late_rise(found.motion)[0] == pytest.approx(-21.0, abs=1.0)
-    assert found.opposite and fall(found.perfect)[0] == 0.0
+    assert found.opposite and fall(found.perfect)[0] < 0.01
 
 
 @pytest.mark.long
