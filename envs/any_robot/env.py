@@ -245,12 +245,12 @@ class WalkEnv(SingleEnv, task=WalkTask):
     | `correction`       | float             | `0.25`        | see Action Space |
     | `cadence`          | float             | `0.0`         | cycles of the reference gait per second [Hz]; 0: none |
     | `lift`             | float             | `0.03`        | of a foot, in the reference gait and the reward [m] |
-    | `tolerance`        | float             | `0.15`        | see Rewards [m/s] |
-    | `turn_tolerance`   | float             | `0.5`         | see Rewards [rad/s] |
+    | `tolerance`        | float             | `0.08`        | see Rewards [m/s] |
+    | `turn_tolerance`   | float             | `0.3`         | see Rewards [rad/s] |
     | `tracking_weight`  | float             | `2.0`         | see Rewards |
     | `turn_weight`      | float             | `1.0`         | see Rewards |
     | `upright_weight`   | float             | `2.0`         | see Rewards |
-    | `sway_weight`      | float             | `0.1`         | see Rewards |
+    | `sway_weight`      | float             | `0.05`        | see Rewards |
     | `air_time_weight`  | float             | `1.0`         | see Rewards |
     | `air_time`         | float             | `0.2`         | see Rewards [s] |
     | `slip_weight`      | float             | `0.1`         | see Rewards |

@@ -84,12 +84,14 @@ def standing(robot: Robot) -> Standing:
 
     pose(start, SINK * abs(float(home[0, at + 2])))
     mujoco.mj_collision(model, data)
-    points: dict[int, list[np.ndarray]] = {}
+    points: dict[
+        int, list[np.ndarray]
+    ] = {}  # by body; bodies that move as one are one foot, called as the first of them
     for contact in data.contact[: data.ncon]:
         pair = [int(model.geom_bodyid[geom]) for geom in (contact.geom1, contact.geom2)]
         moving = [number for number in pair if model.body_weldid[number]]
         if len(moving) == 1:
-            points.setdefault(moving[0], []).append(np.array(contact.pos))
+            points.setdefault(int(model.body_weldid[moving[0]]), []).append(np.array(contact.pos))
     found = {number: np.mean(places, axis=0) for number, places in points.items() if number != body}
     if len(found) < 2:
         touching = ", ".join(model.body(number).name for number in points) or "nothing"

@@ -35,12 +35,12 @@ class WalkTask(AnyRobotTask):
     correction: float = 0.25
     cadence: float = 0.0
     lift: float = 0.03
-    tolerance: float = 0.15
-    turn_tolerance: float = 0.5
+    tolerance: float = 0.08
+    turn_tolerance: float = 0.3
     tracking_weight: float = 2.0
     turn_weight: float = 1.0
     upright_weight: float = 2.0
-    sway_weight: float = 0.1
+    sway_weight: float = 0.05
     air_time_weight: float = 1.0
     air_time: float = 0.2
     slip_weight: float = 0.1

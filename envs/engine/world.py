@@ -81,28 +81,23 @@ class World:
         names = [name for word in sees for name in _FIELDS.get(word, ())]
         self._bound: dict[str, np.ndarray] = {name: batch.bind(name) for name in names}
         self._sensors = batch.bind("sensordata") if {*sees} & {*TOUCH, "sensors"} else np.empty((batch.nsim, 0))
-        self._touch: dict[str, dict[str, int]] = {word: {} for word in TOUCH if word in sees}
-        for number in range(model.nsensor):
-            word, _, body = model.sensor(number).name.partition("/")
-            if word in self._touch:
-                self._touch[word][body] = int(model.sensor_adr[number])
-        self._air = {word: np.zeros((batch.nsim, len(rows))) for word, rows in self._touch.items()}
+        self._touch = {word: _Touch(model, word) for word in TOUCH if word in sees}
+        self._air = {word: np.zeros((batch.nsim, len(touch.names))) for word, touch in self._touch.items()}
         self._landed = {word: np.zeros_like(air) for word, air in self._air.items()}
 
     # --- contacts ----------------------------------------------------------------------------------------------
 
     def touchable(self, word: str = "ground") -> tuple[str, ...]:
-        """Bodies that have a shape that can touch."""
-        return tuple(self._rows(word))
+        """Bodies with a shape that can touch; those that are fixed to each other are one, called as the first."""
+        return self._touched(word).names
 
     def touching(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
         """Whether each body touches the ground, or with ``word`` of ``contacts`` anything (n, b)."""
-        return self._sensors[:, self._addresses(word, bodies)] > 0.0
+        return self._touched(word).found(self._sensors)[:, self._columns(word, bodies)] > 0.0
 
     def contact_force(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
         """Sum of the contact forces on each body, in the world (n, b, 3) [N]."""
-        addresses = np.array(self._addresses(word, bodies))
-        return self._sensors[:, addresses[:, None] + np.arange(1, 4)]
+        return self._touched(word).force(self._sensors)[:, self._columns(word, bodies)]
 
     def air_time(self, bodies: Sequence[str], word: str = "ground") -> np.ndarray:
         """How long each body has not touched; 0 of one that touches (n, b) [s]."""
@@ -152,8 +147,8 @@ class World:
 
     def advance(self, dt: float) -> None:
         """A control step of ``dt`` [s] has passed."""
-        for word, rows in self._touch.items():
-            touching = self._sensors[:, list(rows.values())] > 0.0
+        for word, touch in self._touch.items():
+            touching = touch.found(self._sensors) > 0.0
             self._landed[word] = np.where(touching, self._air[word], 0.0)
             self._air[word] = np.where(touching, 0.0, self._air[word] + dt)
 
@@ -168,18 +163,17 @@ class World:
             raise SealegsError(f"the task does not see {word}: write sees = ({word!r},) in its class.")
         return self._bound.get(name, self._sensors)
 
-    def _rows(self, word: str) -> dict[str, int]:
+    def _touched(self, word: str) -> _Touch:
         if word not in self._touch:
             raise SealegsError(f"the task does not see {word}: write sees = ({word!r},) in its class.")
         return self._touch[word]
 
-    def _addresses(self, word: str, bodies: Sequence[str]) -> list[int]:
-        rows = self._rows(word)
-        return [rows[name] for name in _known(bodies, rows, "body that can touch")]
-
     def _columns(self, word: str, bodies: Sequence[str]) -> list[int]:
-        rows = list(self._rows(word))
-        return [rows.index(name) for name in _known(bodies, rows, "body that can touch")]
+        columns = self._touched(word).columns
+        for name in bodies:
+            if name not in columns:
+                raise SealegsError(f"the model has no body that can touch '{name}'{nearest(name, columns)}.")
+        return [columns[name] for name in bodies]
 
     def _body(self, name: str) -> int:
         return self._number("body", name)
@@ -194,11 +188,34 @@ class World:
             raise SealegsError(f"the model has no {kind} '{name}'{nearest(name, known)}.") from None
 
 
-def _known(names: Sequence[str], known: Any, what: str) -> Sequence[str]:
-    for name in names:
-        if name not in known:
-            raise SealegsError(f"the model has no {what} '{name}'{nearest(name, known)}.")
-    return names
+class _Touch:
+    """The contact sensors of a word.
+
+    Attributes:
+        names: of what can touch: bodies that are fixed to each other are one.
+        columns: of every body that is part of one, by its name.
+    """
+
+    def __init__(self, model: mujoco.MjModel, word: str) -> None:
+        sensors: dict[int, list[int]] = {}
+        for number in range(model.nsensor):
+            kind, _, body = model.sensor(number).name.partition("/")
+            if kind == word and (rigid := int(model.body_weldid[model.body(body).id])):
+                sensors.setdefault(rigid, []).append(int(model.sensor_adr[number]))
+        rigid = list(sensors)
+        parts = [(model.body(k).name, int(model.body_weldid[k])) for k in range(1, model.nbody)]
+        self.columns = {name: rigid.index(which) for name, which in parts if name and which in sensors}
+        self.names = tuple(next(name for name, which in parts if name and which == one) for one in rigid)
+        self._addresses = np.array([address for one in rigid for address in sensors[one]], dtype=np.int64)
+        self._begins = np.cumsum([0, *(len(sensors[one]) for one in rigid)])[:-1]
+
+    def found(self, sensors: np.ndarray) -> np.ndarray:
+        """Number of contacts (n, b)."""
+        return np.add.reduceat(sensors[:, self._addresses], self._begins, axis=1)
+
+    def force(self, sensors: np.ndarray) -> np.ndarray:
+        """Sum of forces (n, b, 3) [N]."""
+        return np.add.reduceat(sensors[:, self._addresses[:, None] + np.arange(1, 4)], self._begins, axis=1)
 
 
 class _NoWorld:

@@ -246,3 +246,26 @@ def test_an_observation_of_the_world_is_no_observation_of_a_machine() -> None:
     numbers = task.robot.parameters()
     with pytest.raises(SealegsError, match="which no machine has"):
         task.observe(random_motion(task, numbers, np.random.default_rng(0), 2))
+
+
+def test_bodies_that_are_fixed_to_each_other_touch_as_one(tmp_path: Path) -> None:
+    """A foot that is a body of its own, fixed to a shank that touches beside it, was two feet."""
+    file = get_robot("quadruped").file
+    assert file is not None
+    shape = '<geom class="foot" pos="0 0 -0.095"/>'
+    foot = f'<body name="{{}}" pos="0 0 0">{shape}</body>{shape}'
+    text = file.model.path.read_text()
+    for name in FEET:
+        before, after = text.split(f'"{name}"', 1)
+        text = f'{before}"{name}"{after.replace(shape, foot.format(name.replace("shank", "toe")), 1)}'
+    (tmp_path / "quadruped.xml").write_text(text)
+    (tmp_path / "quadruped.yaml").write_text(file.path.read_text())
+    engine = BatchEngine(WalkTask.on(tmp_path / "quadruped.yaml")(), 2, autoreset=False)
+    engine.reset()
+    run(engine, 30)
+    task, weight = engine.task, WEIGHT + 4 * 0.006 * 9.81
+    assert isinstance(task, WalkTask) and task.stance.feet == FEET
+    toes = [name.replace("shank", "toe") for name in FEET]
+    for names in (FEET, toes):
+        assert engine.world.touching(names).all()
+        np.testing.assert_allclose(engine.world.contact_force(names).sum(axis=1)[:, 2], weight, rtol=0.05)
