@@ -153,6 +153,10 @@ class WalkTask(AnyRobotTask):
         at = self.stance.qpos + 3
         return projected_gravity(motion.qpos[:, at : at + 4])
 
+    def _upright(self, motion: Motion) -> np.ndarray:
+        """Cosine of the tilt of the base from the stance (n,)."""
+        return -(self._gravity(motion) * self.stance.up).sum(axis=1)
+
     def _turn_rate(self, motion: Motion) -> np.ndarray:
         at = self.stance.dof + 3
         return motion.qvel[:, at : at + 3]
@@ -161,7 +165,7 @@ class WalkTask(AnyRobotTask):
 
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         m = motion
-        up = -self._gravity(m) @ self.stance.up
+        up = self._upright(m)
         change = m.action - m.previous_action
         still = (m.command == 0.0).all(axis=1)
         away = np.abs((m.reading - self.centre) / self.half).mean(axis=1)
@@ -221,7 +225,7 @@ class WalkTask(AnyRobotTask):
         return heights, speeds
 
     def failed(self, motion: Motion) -> np.ndarray:
-        fallen = -self._gravity(motion) @ self.stance.up < np.cos(self.healthy_tilt)
+        fallen = self._upright(motion) < np.cos(self.healthy_tilt)
         if not motion.world.simulated:
             return fallen
         base = motion.qpos[:, self.stance.qpos + 2]

@@ -111,7 +111,8 @@ class World:
 
     def position(self, body: str, point: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
         """Of a point that is given in the body's frame, in the world (n, 3) [m]."""
-        return self._field("bodies", "xpos")[:, self._body(body)] + self.rotation(body) @ np.asarray(point)
+        turned = (self.rotation(body) * np.asarray(point)).sum(axis=-1)  # no @: its rounding depends on n
+        return self._field("bodies", "xpos")[:, self._body(body)] + turned
 
     def rotation(self, body: str) -> np.ndarray:
         """From the body's frame to the world's (n, 3, 3)."""
