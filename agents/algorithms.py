@@ -70,9 +70,9 @@ def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in agent.items():
         if key not in types:
             raise SealegsError(f"agent.{key} is not an argument of {agent['algorithm']}{nearest(key, types)}.")
-        is_schedule = isinstance(value, str) and value.startswith("lin_") and _schedule(value) is not None
-        result[key] = value if is_schedule else checked(f"agent.{key}", value, types[key])
-        _check_bounds(f"agent.{key}", key, _schedule(value) if is_schedule else result[key])
+        start = schedule_start(value)
+        result[key] = checked(f"agent.{key}", value, types[key]) if start is None else value
+        _check_bounds(f"agent.{key}", key, result[key] if start is None else start)
     if isinstance(normalize := result.get("normalize"), dict):
         names = _normalize_arguments()
         for key, value in normalize.items():
@@ -108,8 +108,8 @@ def build(agent: Mapping[str, Any], env: VecEnv, seed: int | None) -> BaseAlgori
     """
     keywords = {key: value for key, value in agent.items() if key not in ("algorithm", "normalize")}
     for key, value in keywords.items():
-        if isinstance(value, str) and value.startswith("lin_"):
-            keywords[key] = LinearSchedule(_schedule(value) or 0.0, 0.0, 1.0)
+        if (start := schedule_start(value)) is not None:
+            keywords[key] = LinearSchedule(start, 0.0, 1.0)
     if keywords.get("policy_kwargs"):
         keywords["policy_kwargs"] = _policy_keywords(keywords["policy_kwargs"])
     _fit_batches(keywords, agent["algorithm"], env.num_envs)
@@ -146,8 +146,10 @@ def _normalize_arguments() -> dict[str, Any]:
     return arguments(VecNormalize.__init__, {"self", "venv", "training", "gamma"})
 
 
-def _schedule(value: str) -> float | None:
-    """Start of the linear schedule that rl-zoo writes ``lin_3e-4``; None where it is no number."""
+def schedule_start(value: Any) -> float | None:
+    """Start of the linear schedule that rl-zoo writes ``lin_3e-4``; None where a value is none."""
+    if not isinstance(value, str) or not value.startswith("lin_"):
+        return None
     try:
         return float(value.removeprefix("lin_"))
     except ValueError:

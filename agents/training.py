@@ -27,7 +27,7 @@ from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
 from ..envs.engine.sb3 import BatchVecEnv
 from ..envs.engine.task import ModulatedTask
-from .algorithms import build, normalized
+from .algorithms import build, normalized, schedule_start
 from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
 from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from .config import Request, TrainConfig, with_overrides
@@ -130,6 +130,8 @@ class Session:
             raise SealegsError(
                 f"{run.path} is trained to step {model.num_timesteps} already: give a larger total_timesteps to go on."
             )
+        if said := revived(config, model.num_timesteps, int(run.read_config()["total_timesteps"])):
+            print(said, flush=True)
         run.write_text("config.yaml", yaml.safe_dump(config.as_dict(), sort_keys=False))
         run.record_session(model.num_timesteps)
         session = cls(run, config, model, env)
@@ -248,6 +250,22 @@ class Session:
         found = checkpoints(self.run)
         where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
         return f"{what}; go on from {where} with: {_resume_command(self.run, _own_task(self.config))}"
+
+
+def revived(config: TrainConfig, step: int, before: int) -> str:
+    """What a longer training does to values that fall to 0 at its end, as it goes on at ``step``; "": nothing.
+
+    Args:
+        config: with the new ``total_timesteps``.
+        step: at which it goes on.
+        before: ``total_timesteps`` until now.
+    """
+    falling = {key: start for key, value in config.agent.items() if (start := schedule_start(value)) is not None}
+    old, new = (max(1.0 - step / total, 0.0) for total in (before, config.total_timesteps))
+    if not falling or new <= old:
+        return ""
+    values = " and ".join(f"{key} from {old * start:.2g} to {new * start:.2g}" for key, start in falling.items())
+    return f"The run is longer now, so what falls to 0 at its end rises again: {values}; agent.<key>= gives others."
 
 
 def half_interval(rewards: np.ndarray) -> float:

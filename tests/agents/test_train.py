@@ -148,6 +148,14 @@ def test_a_run_that_is_killed_before_its_last_evaluation_makes_it_on_resume(tmp_
     assert state["updates"] == PPO.load(folder / "final" / "model.zip")._n_updates
 
 
+def test_a_longer_run_says_what_rises_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [*SMALL, "agent.learning_rate=lin_0.002", f"out={tmp_path}", "name=longer", "total_timesteps=256"]
+    assert run(*words) == 0
+    assert "rises again" not in capsys.readouterr().out
+    assert run(f"resume={tmp_path / 'longer'}", "total_timesteps=512") == 0
+    assert "rises again: learning_rate from 0 to 0.001;" in capsys.readouterr().out
+
+
 def test_a_policy_that_does_not_beat_its_reference_says_so() -> None:
     reference = np.array([4.0, 5.0, 6.0, 7.0])
     better = beside_reference(reference + np.array([1.0, 1.1, 0.9, 1.0]), reference)
