@@ -20,6 +20,7 @@ SPEEDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # [m/s] highest of the foot: twic
 OWN_SPEED = 0.4  # [m/s] highest of a straight line with the printed mean of 0.2 m/s
 REACH_LOW, REACH_HIGH = np.array([0.10, -0.35, -0.42]), np.array([0.50, 0.35, 0.10])  # [m] ends of lines, assumed
 SHORTEST = 0.10  # [m] of a line
+LINES, SEEDS = 150, 8  # lines at a speed, and draws of them
 SAMPLES = 400
 EFFICIENCY = (0.60, 0.80 * 0.70, 0.80 * 0.70)  # of the gears, table V
 RULE = 0.05  # step 3: a term is significant from here on
@@ -209,19 +210,23 @@ def by_efficiency(row: Contributions) -> np.ndarray:
     return (1.0 / np.array(EFFICIENCY) - 1.0) * row.constant
 
 
+def needed_volts(found: Contributions) -> float:
+    """Largest voltage that a motor needs for a motion [V]."""
+    chains, rate = chains_of("silo4"), np.gradient(found.q, found.time, axis=0)
+    needed = 0.0
+    for j, name in enumerate(JOINTS):
+        motor, ratio = chains[name].find("dc_motor"), chains[name].gear_ratio()
+        voltage = motor.resistance * found.total[:, j] / (motor.motor_constant * ratio)
+        needed = max(needed, float(np.abs(voltage + motor.back_emf * ratio * rate[:, j]).max()))
+    return needed
+
+
 def fastest(analysis: Analysis, line: np.ndarray, volts: float, joints_straight: bool = False) -> float:
     """Highest mean speed of the foot between the ends of a line at which no motor needs more than ``volts`` [m/s]."""
-    chains = chains_of("silo4")
     short, long = 0.01, 60.0
     for _ in range(14):
         middle = float(np.sqrt(short * long))
-        found = analysis.in_time(line, middle, joints_straight)
-        rate = np.gradient(found.q, found.time, axis=0)
-        needed = 0.0
-        for j, name in enumerate(JOINTS):
-            motor, ratio = chains[name].find("dc_motor"), chains[name].gear_ratio()
-            voltage = motor.resistance * found.total[:, j] / (motor.motor_constant * ratio)
-            needed = max(needed, float(np.abs(voltage + motor.back_emf * ratio * rate[:, j]).max()))
-        short, long = (short, middle) if needed <= volts else (middle, long)
+        enough = needed_volts(analysis.in_time(line, middle, joints_straight)) <= volts
+        short, long = (short, middle) if enough else (middle, long)
     way = foot(analysis.values, analysis.in_time(line, long, joints_straight).q)
     return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum() / long)

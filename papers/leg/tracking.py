@@ -1,0 +1,127 @@
+"""The leg's controllers on the same paths, and what the rows of paper 000, section 4.4, say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...actuators import Chain
+from ...envs.leg.kinematics import angles, lengthening
+from ...envs.leg.path import BOX_HIGH, BOX_LOW
+from ...envs.leg.robot import JOINTS, chains_of
+from ..published import Otherwise, Row
+from .choices import CONTROL
+from .control import Lines, Model, errors, rms, with_gains
+from .dynamics import gravity
+from .paper import Analysis, linear, needed_volts
+from .tuning import OWN_SECONDS, further, other_paths, own_paths
+
+PID, IDEAL, PD = "PID, a search's result", "ideal servos", "PD"
+WITHOUT = "PD and computed torque without friction"
+WITH = "PD and computed torque with friction"
+WHOLE = "the same, with the whole perturbation (25)"
+SLICK = "without friction in the leg: "
+SIGNIFICANT, ALIKE = 2.0, 1.1  # times the other error
+
+
+def perturbation_lines(analysis: Analysis) -> Lines:
+    """(29) and (30), fitted over the box of the environment's paths."""
+    points = np.random.default_rng(0).uniform(BOX_LOW, BOX_HIGH, (2000, 3))
+    q = angles(analysis.values, points)
+    reach, weight = lengthening(analysis.values, q), gravity(analysis.constants, q)
+    (m2, b2), (m3, b3) = (linear(reach, weight[:, j]) for j in (1, 2))
+    return Lines((0.0, m2, m3), (0.0, b2, b3))
+
+
+def within_supply(analysis: Analysis, commands: np.ndarray) -> np.ndarray:
+    """Which paths (n, 7) the assumed supply can follow (n,): no motor needs more than its voltage."""
+    volts = chains_of("silo4")[JOINTS[0]].find("supply").volts
+    return np.array([needed_volts(analysis.in_time(row[:6].reshape(2, 3), float(row[6]))) <= volts for row in commands])
+
+
+def figures(off: np.ndarray, able: np.ndarray) -> dict[str, float]:
+    """Errors (samples, n) [m] as ``rms`` and ``largest``, of the paths that the supply can follow and of all."""
+    kept = off[:, able]
+    return {"rms": rms(kept), "largest": float(kept.max()), "rms_all": rms(off), "largest_all": float(off.max())}
+
+
+def controllers(analysis: Analysis, seconds: float) -> dict[str, dict[str, float]]:
+    """:func:`figures` of each controller on the same 64 paths."""
+    command, lines = other_paths(), perturbation_lines(analysis)
+    able, direct = within_supply(analysis, command), chains_of("silo4_pd")
+    slick = {name: chain.without_stage("meshing") for name, chain in direct.items()}
+    cases: dict[str, tuple[Mapping[str, Chain], Model | None]] = {
+        PID: (chains_of("silo4"), None),
+        IDEAL: (chains_of("silo4_ideal"), None),
+        PD: (direct, None),
+        WITHOUT: (direct, Model(lines, friction=False)),
+        WITH: (direct, Model(lines, friction=True)),
+        WHOLE: (direct, Model("whole", friction=True)),
+        SLICK + PD: (slick, None),
+        SLICK + WITHOUT: (slick, Model(lines, friction=False)),
+    }
+    return {
+        name: figures(errors(chains, command, seconds, model=model), able) for name, (chains, model) in cases.items()
+    }
+
+
+def search_on(analysis: Analysis, evaluations: int) -> dict[str, dict[str, dict[str, float]]]:
+    """Figures of the shipped PID, and of one that so many more simulations find, on own and on other paths."""
+    gains, preview = further(evaluations)
+    found = {}
+    for name, command, seconds in (("own", own_paths(), OWN_SECONDS), ("other", other_paths(), 3.0)):
+        able = within_supply(analysis, command)
+        found[name] = {
+            "shipped": figures(errors(chains_of("silo4"), command, seconds), able),
+            "searched": figures(errors(with_gains(gains), command, seconds, preview), able),
+        }
+    return found
+
+
+def control_rows(tracking: Mapping[str, Mapping[str, float]]) -> list[Row]:
+    """What is compensated, and what that is worth."""
+    error = {name: row["rms"] for name, row in tracking.items()}
+    times = error[WITHOUT] / error[WITH]
+    slick = error[SLICK + WITHOUT] / min(error[SLICK + WITHOUT], error[SLICK + PD])
+    loss = error[WITH] / error[WHOLE]
+    every = tracking[WITHOUT]["rms_all"] / tracking[WITH]["rms_all"]
+    known = "the model that compensates is the one that moves: a machine's friction is known less well"
+    return [
+        Row(
+            "leaving friction out yields significant errors in control", "4.3.2", "yes",
+            f"{times:.0f} times the error", "predicted", agrees=times > SIGNIFICANT,
+            judged="assumed: twice the error", rests=CONTROL, note=known,
+            sensitivity=(Otherwise("all 64 paths, one of which needs more than 24 V", f"{every:.1f} times the error"),),
+            rival=Otherwise("a leg without friction", f"{slick:.1f} times the error", slick > SIGNIFICANT),
+        ),
+        Row(
+            "the simplified perturbation loses no accuracy in control", "4.3.2, (28) to (30)", "yes",
+            f"{loss:.1f} times the error of the whole one: {1e6 * error[WITH]:.1f} for {1e6 * error[WHOLE]:.1f} um",
+            "predicted", agrees=loss < ALIKE, judged="assumed: a tenth more error", rests=CONTROL,
+            note=f"where friction is not compensated, the error is {1e6 * error[WITHOUT]:.0f} um",
+        ),
+    ]  # fmt: skip
+
+
+def tracking_lines(tracking: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """The controllers as lines of text."""
+    width = max(map(len, tracking)) + 2
+    lines = [
+        f"{'error of the foot [mm]':{width}s}{'paths within 24 V':>19s}{'all 64 paths':>19s}",
+        " " * width + f"{'rms':>10s}{'largest':>9s}" * 2,
+    ]
+    for name, row in tracking.items():
+        cells = [(row["rms"], row["largest"]), (row["rms_all"], row["largest_all"])]
+        lines.append(f"{name:{width}s}" + "".join(f"{1e3 * a:10.3f}{1e3 * b:9.3f}" for a, b in cells))
+    return [*lines, ""]
+
+
+def search_lines(search: Mapping[str, Mapping[str, Mapping[str, float]]], evaluations: int) -> list[str]:
+    """What more of the search takes off the PID's error."""
+    lines = [f"rms of the PID [mm], shipped and after {evaluations} more simulations of its search"]
+    for name, key in (("own", "rms"), ("other", "rms"), ("other", "rms_all")):
+        before, after = (search[name][which][key] for which in ("shipped", "searched"))
+        label = f"{name} paths" + (", all" if key == "rms_all" else ", within 24 V")
+        lines.append(f"  {label:26s}{1e3 * before:.4f} to {1e3 * after:.4f}, {after / before - 1.0:+.0%}")
+    return [*lines, ""]
