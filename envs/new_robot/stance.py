@@ -33,7 +33,7 @@ LEVEL = 0.01  # of its size, by which feet of a stance may differ in height, as 
 OVER = 0.05  # of its size: of the centre of mass, from the middle of the feet
 EXTENDED = 0.85  # of the height with straight legs at which a robot stands: knees bend both ways of it; assumed
 BENT = 0.5  # of half a joint's range: how gladly a joint leaves the pose of the file
-SIDEWAYS = 0.3  # of its size: of a foot, from under the first joint of its leg
+SIDEWAYS = 0.3  # of its size: of a foot, from under the hip of its leg
 TILT = 0.05  # of the sole of a leg with an ankle [rad]
 ANKLED = 5  # joints of a leg from which on its sole can be level
 DEEP = 1e-3  # of its size: how deep shapes of two bodies lie in each other that never touch on the machine; assumed
@@ -56,6 +56,11 @@ class Leg:
 
     joints: tuple[str, ...]
     foot: tuple[int, ...]
+
+    @property
+    def hip(self) -> str:
+        """Joint that its foot stands under: the second, since the first one often turns a leg that begins beside it."""
+        return self.joints[1 if len(self.joints) > 2 else 0]
 
 
 @dataclass(frozen=True)
@@ -271,7 +276,7 @@ class _Body:
             soles = np.array([self._sole(leg) for leg in self.legs])
             ground, middle = soles[:, 2].mean(), soles[:, :2].mean(axis=0)
             centre = self._data.subtree_com[self._root]
-            hips = np.array([self._data.xanchor[self._model.joint(leg.joints[0]).id] for leg in self.legs])
+            hips = np.array([self._data.xanchor[self._model.joint(leg.hip).id] for leg in self.legs])
             tilts = [
                 self._data.xmat[leg.foot[0]].reshape(3, 3)[:2] @ level[leg.foot[0]] / TILT
                 for leg in self.legs

@@ -181,3 +181,13 @@ def test_a_wrong_ground_is_one_sentence(line: str, message: str, tmp_path: Path)
     path.write_text(f"model: robot.urdf\n{line}\n")
     with pytest.raises(RobotError, match=message):
         load_robot_file(path)
+
+
+@pytest.mark.long
+def test_feet_stand_under_the_thighs_and_not_tucked_under_the_roll_joints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Feet nearer to each other than the thighs: a robot of the kind fell to the side as soon as it lifted two feet."""
+    path, _ = written(tmp_path, quadruped(), capsys)
+    joints = yaml.safe_load(path.read_text())["joints"]
+    assert max(abs(entry["start"]) for name, entry in joints.items() if name.startswith("j0")) < 0.05
