@@ -95,10 +95,8 @@ class ThreadedImu(ABC):
         while not self._closing.is_set():
             try:
                 found = self.read()
-            except (OSError, SealegsError, RuntimeError, ValueError) as error:  # what drivers of I2C parts raise
+            except (OSError, ImuError) as error:
                 self._problem = str(error).rstrip(".") or type(error).__name__
-                if isinstance(error, ImuError) and self._sample is None:
-                    self._come.set()
                 self._closing.wait(0.01)
                 continue
             if found is not None:

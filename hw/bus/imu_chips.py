@@ -108,8 +108,11 @@ class ChipImu(ThreadedImu):
     def read(self) -> tuple[np.ndarray, np.ndarray] | None:
         self._closing.wait(max(self._next - monotonic(), 0.0))
         self._next = max(self._next + self._period, monotonic())
-        told = getattr(self._driver, self._chip.orientation or "acceleration")
-        rate = self._driver.gyro
+        try:
+            told = getattr(self._driver, self._chip.orientation or "acceleration")
+            rate = self._driver.gyro
+        except Exception as error:  # of a driver that is not ours: a spoilt packet is a PacketError, or a KeyError
+            raise ImuError(f"its driver says {type(error).__name__} {error}") from None
         if told is None or rate is None or None in told or None in rate:  # a reading that the driver found spoilt
             return None
         told, rate = np.array(told, float), np.array(rate, float)
