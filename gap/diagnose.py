@@ -56,6 +56,7 @@ def diagnose(
     settings = checked_settings(test, seed, limits, speed_limit, causes, joints)
     from .experiment import Limits, default_limits
     from .finder import diagnosis as search
+    from .finder.imu import beside
     from .output.partial import going_on, source_in_memory, source_of
     from .prepare.columns import chosen, commanded
 
@@ -82,7 +83,7 @@ def diagnose(
             data = read_bounded(Path(log), progress=say)
         data = _given(data)
         if joints is not None:
-            chosen(commanded(data.runs), joints)  # says what there is not before the log is checked
+            chosen(commanded(data.runs), joints, beside(data.runs))  # says what there is not before the log is checked
         speed = math.inf if speed_limit is None else float(speed_limit)
         kept = None
         if limits is not None:

@@ -15,6 +15,7 @@ import numba
 import numpy as np
 
 from .bench import nominal_chain
+from .imu import BoughtImu
 from .recording import Recording
 
 STEP = 5e-5  # [s]
@@ -195,7 +196,13 @@ def _feet(angles: np.ndarray) -> np.ndarray:
 
 
 def record_walker(
-    effects: Mapping[str, float | str], seed: int, folder: Path, *, duration: float = 8.0, runs: int = 3
+    effects: Mapping[str, float | str],
+    seed: int,
+    folder: Path,
+    *,
+    duration: float = 8.0,
+    runs: int = 3,
+    imu: BoughtImu | None = None,
 ) -> tuple[list[Recording], dict[str, Any]]:
     """Runs of a walker whose ground is not what its model file says; effects by magnitude or value.
 
@@ -205,6 +212,7 @@ def record_walker(
         folder: where its model file goes.
         duration: of a run [s].
         runs: how many.
+        imu: on the body; None: a camera sees it instead.
     """
     sizes = {
         name: ({**GROUND_EFFECTS, **STRANGERS}[name][value] if isinstance(value, str) else float(value))
@@ -232,13 +240,15 @@ def record_walker(
             floor.friction, floor.stiffness, floor.damping, floor.shear_stiffness, floor.shear_damping, floor.slope,
             feet, np.gradient(feet, STEP, axis=0), force, MASS, np.array(INERTIA), FOOT, start, every,
         )  # fmt: skip
-        recordings.append(_log(f"walk-{k}", fine[::every], goals[::every], angles[::every], path_of_body, path, rng))
+        recordings.append(
+            _log(f"walk-{k}", fine[::every], goals[::every], angles[::every], path_of_body, path, rng, imu)
+        )
     return recordings, {"seed": seed, "effects": sizes}
 
 
 def _log(
     name: str, time: np.ndarray, goals: np.ndarray, angles: np.ndarray, body: np.ndarray, path: Path,
-    rng: np.random.Generator,
+    rng: np.random.Generator, imu: BoughtImu | None,
 ) -> Recording:  # fmt: skip
     joints = {
         joint: {
@@ -255,6 +265,7 @@ def _log(
     }
     base = {key: body[:, k] + rng.normal(0.0, POSITION_NOISE, len(time)) for k, key in enumerate("xyz")}
     base |= {key: turn + rng.normal(0.0, TURN_NOISE, len(time)) for key, turn in turns.items()}
+    base = base if imu is None else dict(imu.columns(time, body[:, 3:], rng))
     return Recording(
         name=name, time=time, joints=joints, base=base, robot=str(path), robot_params={},
         actuators=dict.fromkeys(JOINTS, nominal_chain()),

@@ -16,6 +16,7 @@ from ..causes.unknown import with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
 from ..checks.data_set import shows_little
+from ..checks.imu import IMU
 from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
@@ -56,6 +57,7 @@ from ..verdict.evidence import Refused, Replayed
 from ..verdict.refusal import refuse, refuse_divergence
 from ..verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors, rivals_of
 from ..verdict.words import recording_reasons
+from .imu import beside, diagnose_imu
 from .parallel import side_by_side
 from .torque import replay_of_torque
 
@@ -98,7 +100,7 @@ def diagnose(
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = check_log(data, progress)
-    machine, joints = Machine.of(data.runs), chosen(commanded(data.runs), only)
+    machine, joints = Machine.of(data.runs), chosen(commanded(data.runs), only, beside(data.runs))
     if stop is not None:
         first = [_first_experiment(machine, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)
@@ -123,6 +125,12 @@ def diagnose(
             for joint in found:
                 if all(joint is not other for other in before):  # of the robot, or judged again
                     done(joint)
+    if beside(machine.runs) and (only is None or IMU in only):
+        frames = {} if machine.robot is None else dict(machine.robot.frames)
+        with apart("the IMU", errors):
+            work = partial(diagnose_imu, machine.runs, frames, progress)
+            found.append(_kept(IMU, "the IMU", (), request, work))
+            done(found[-1])
     named = with_latency(found, request.latency)
     for joint in named[len(found) :]:
         done(joint)

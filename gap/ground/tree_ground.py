@@ -35,7 +35,7 @@ SOFTER = (0.1, 0.3)  # of the stiffness that the model has: where fits of soft g
 
 def stands(run: MeasuredRun) -> bool:
     """Whether a run is of a robot whose base moves."""
-    robot = _robot(run)
+    robot = robot_under(run)
     if robot is None or (robot.file is not None and robot.file.base == "fixed" and not robot.file.model.free):
         return False
     return bool(base_joints(robot, robot.build_spec(run.robot_params).compile()))
@@ -55,7 +55,7 @@ def lay_robot(
     Raises:
         SealegsError: the sidecar's numbers are none of the robot's, or the test group does not exist.
     """
-    held, robot = held_out(runs, test_group), _robot(runs[0])
+    held, robot = held_out(runs, test_group), robot_under(runs[0])
     if robot is None:
         return "its sidecar names no robot."
     names = [item.name for item in robot.coordinates]
@@ -96,7 +96,7 @@ def lay_robot(
     )
 
 
-def _robot(run: MeasuredRun) -> Robot | None:
+def robot_under(run: MeasuredRun) -> Robot | None:
     """The robot of a run; None where its sidecar names none that is known."""
     logged = robot_of(run)
     if logged is not None:

@@ -56,8 +56,8 @@ class TreeReplay:
         # friction holds a foot that does not slide; with the default it creeps
         model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, 10.0)
         self.names = [item.name for item in self.drivetrain.coordinates]
-        self.joints, self._motors = _shares([self.drivetrain.terms(name) for name in self.names])
-        self.links, self._links = _shares([self.drivetrain.terms(name, "link") for name in self.names])
+        self.joints, self._motors = shares([self.drivetrain.terms(name) for name in self.names])
+        self.links, self._links = shares([self.drivetrain.terms(name, "link") for name in self.names])
         for name in self.joints:
             number = model.joint(name).id
             dof = int(model.jnt_dofadr[number])
@@ -193,7 +193,7 @@ class TreeReplay:
         return np.clip(np.nan_to_num(recorded, nan=1e3), -1e3, 1e3)
 
 
-def _shares(rows: Sequence[tuple[tuple[str, float], ...]]) -> tuple[list[str], np.ndarray]:
+def shares(rows: Sequence[tuple[tuple[str, float], ...]]) -> tuple[list[str], np.ndarray]:
     """Joints that make coordinates, and the matrix (joints, coordinates) that gives them from these."""
     joints = list(dict.fromkeys(joint for row in rows for joint, _ in row))
     matrix = np.zeros((len(rows), len(joints)))

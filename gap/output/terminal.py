@@ -59,9 +59,9 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
     verdict, (sentence, reasons) = diagnosis.verdict, told_once(diagnosis)
     said = sentence.lower().startswith(f"{verdict}: ")  # a verdict that its sentence begins with is told once
     yield from _wrapped(f"{verdict.upper()}: {sentence[len(verdict) + 2 :] if said else sentence}", width)
-    if diagnosis.data_errors:
+    if errors := [error for error in diagnosis.data_errors if error.sentence not in sentence]:
         yield from ("", "Errors of the log")
-        for error in diagnosis.data_errors:
+        for error in errors:
             yield from _wrapped(f"{error.name}: {error.sentence}", width, 2)
     doubted = [sentence for sentence in doubts(diagnosis) if sentence not in told]
     if doubted:

@@ -43,8 +43,8 @@ def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
     ]
 
 
-def chosen(joints: Sequence[str], only: Sequence[str] | None) -> list[str]:
-    """Those of some joints that a person asked for, None for all.
+def chosen(joints: Sequence[str], only: Sequence[str] | None, beside: Sequence[str] = ()) -> list[str]:
+    """Those of some joints that a person asked for, None for all; what is ``beside`` them may be asked for, too.
 
     Raises:
         LogError: the log has no such joint, or none that could be judged.
@@ -59,7 +59,7 @@ def chosen(joints: Sequence[str], only: Sequence[str] | None) -> list[str]:
             raise LogError(
                 "joints= takes no 'ground': it is judged beside all joints, whose motion it needs; leave joints= out."
             )
-        if name not in joints:
+        if name not in joints and name not in beside:
             hint = nearest(name, joints)
             raise LogError(f"The log drives no joint '{name}'{hint}; joints= takes {', '.join(joints)}.")
     return [joint for joint in joints if only is None or joint in only]

@@ -98,7 +98,7 @@ class ChipImu(ThreadedImu):
             self._bus = extended.ExtendedI2C(part.bus)
             self._driver = getattr(module, chip.driver)(self._bus, address=address)
             chip.prepare(self._driver, rate)
-        except (OSError, ValueError, RuntimeError) as error:
+        except Exception as error:  # of a driver that is not ours
             raise ImuError(
                 f"the IMU {part.name} does not answer at address {address:#x} of /dev/i2c-{part.bus}: {error}"
             ) from None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ....actuators.stages import stage_of
+from ...checks.imu import IMU
 from ...experiment import Experiment
 from ...ground.ground import GROUND
 from ...log.parts import FIT_A, FIT_B, TEST
@@ -44,7 +45,7 @@ KINDS = {
     "number": "wrong number in the model",
     "data": "fault of a column, fitted",
 }
-HEADINGS = {GROUND: "The ground", ROBOT: "The whole robot"}
+HEADINGS = {GROUND: "The ground", IMU: "The IMU", ROBOT: "The whole robot"}
 SEVERITIES = {"error": "Error", "warning": "Warning", "note": "Note"}
 THROUGH = "A right model runs through the black dots."
 CAPTIONS = {

@@ -1,0 +1,235 @@
+"""The IMU of a robot: held against itself, and against how the legs must turn the base that they carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...common.errors import SealegsError
+from ...envs.engine import turns
+from ...envs.engine.imu import Imu
+from ...envs.engine.robot import Robot
+from ..checks.imu import (
+    EXPLAINED,
+    IMU,
+    LEAST_LAG,
+    ImuLog,
+    Match,
+    check_imu,
+    imu_of,
+    match,
+    rates_of_turns,
+    smoothed,
+    told_axes,
+)
+from ..ground.carried import carried
+from ..ground.tree_ground import robot_under
+from ..load.robot import Frame
+from ..log.finding import Finding
+from ..log.progress import Progress
+from ..log.types import Array, MeasuredRun
+from ..measure.case import Case
+from ..measure.measured import Measured
+from ..verdict.verdict import EXPLAINED as SAID
+from ..verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis, Reason, Verdict, data_errors
+
+REACH = 0.12  # [s] by which an IMU is sought to be late beyond what is believed
+SPREADS = 4.0  # standard deviations about an axis of the believed bias, from which a turn about any is worth a word
+LATER = 0.015  # [s] beyond the believed delay that is worth a word; feet and floor that are softer make as much
+BLOCK = 1.0  # [s] of the bootstrap
+DRAWS = 100
+
+
+def beside(runs: Sequence[MeasuredRun]) -> tuple[str, ...]:
+    """What is diagnosed beside the joints: the IMU, where a run has its samples."""
+    return (IMU,) if any(imu_of(run) is not None for run in runs) else ()
+
+
+def diagnose_imu(runs: Sequence[MeasuredRun], frames: dict[str, Frame], progress: Progress) -> JointDiagnosis:
+    """What is wrong with an IMU.
+
+    Args:
+        runs: of one machine.
+        frames: of its joints.
+        progress: is told what goes on.
+    """
+    progress("holding the IMU against itself")
+    findings, told = check_imu(runs)
+    against: list[Finding] = []
+    legs = None
+    if not findings:  # else nothing that it says can be held against anything
+        robot = robot_under(runs[0])
+        if robot is not None:
+            progress("holding the IMU against the legs")
+            legs = _against_legs(runs, robot, frames)
+            against = [] if legs is None else legs.findings()
+    every = (*findings, *against)
+    errors = data_errors(every, IMU)
+    if every:
+        said = Verdict(SAID, " ".join(finding.sentence for finding in every))
+    elif legs is not None:
+        said = Verdict(NOTHING, f"Nothing to explain: the IMU agrees with itself and with the legs{legs.agreement()}.")
+    elif told:
+        why = Reason("imu", "The legs do not tell how the base turns: its delay and its mounting stay unknown.")
+        said = Verdict(
+            NOTHING, "Nothing to explain: the turn rate of the IMU is the derivative of its orientation.", (why,)
+        )
+    else:
+        said = Verdict(
+            NOT_IDENTIFIABLE, "The base hardly turns: the log tells nothing of its IMU. Rock it by its legs."
+        )
+    case = Case(IMU, every, "base.imu.turn", "rad/s")
+    return JointDiagnosis(case, said, Measured(unexplained=0.0), data_errors=errors)
+
+
+@dataclass(frozen=True, eq=False)
+class Legs:
+    """An IMU beside what the legs ask of the base.
+
+    Attributes:
+        rates: how its turn rate follows from theirs.
+        turned: how the IMU sits against where it is believed, about the base's axes (3,) [rad].
+        spread: standard deviation of that (3,) [rad].
+        believed: delay [s], and standard deviation of the bias of its orientation [rad].
+    """
+
+    rates: Match
+    turned: np.ndarray
+    spread: np.ndarray
+    believed: tuple[float, float]
+
+    def agreement(self) -> str:
+        """How well it agrees, for a sentence."""
+        return f": {1e3 * self.rates.lag:.3g} ms late, turned by {np.degrees(np.linalg.norm(self.turned)):.2g} degrees"
+
+    def findings(self) -> list[Finding]:
+        """What is wrong."""
+        axes = self.rates.axes
+        if axes is not None and (sentence := told_axes(axes, "turn", "the base that the legs carry")):
+            more = f"{sentence} Turn rate and orientation agree: correct imu.site or imu.rotation."
+            return [Finding("imu.mount", "warning", IMU, "base.imu.turn_x", more, data_error=True)]
+        found = []
+        delay, bias = self.believed
+        more = self.rates.lag - delay
+        if abs(more) > LATER and (self.rates.low - delay) * (self.rates.high - delay) > 0.0:
+            found.append(
+                Finding(
+                    "imu.delay", "warning", IMU, "base.imu.age",
+                    f"The IMU is {1e3 * self.rates.lag:.3g} ms late ({1e3 * self.rates.low:.3g} to "
+                    f"{1e3 * self.rates.high:.3g}), and {1e3 * delay:.3g} ms are believed (imu.delay).",
+                    value=self.rates.lag, low=self.rates.low, high=self.rates.high, cause="sensor.delay",
+                )
+            )  # fmt: skip
+        size = float(np.linalg.norm(self.turned))
+        along = self.turned / max(size, 1e-12)
+        spread = float(np.sqrt((along**2 * self.spread**2).sum()))
+        if size > SPREADS * max(bias, 1e-3) and size > SPREADS * spread:
+            parts = ", ".join(
+                f"{np.degrees(value):+.2g} about {axis}" for axis, value in zip("xyz", self.turned, strict=True)
+            )
+            found.append(
+                Finding(
+                    "imu.turned", "warning", IMU, "base.imu.w",
+                    f"The IMU sits turned by {np.degrees(size):.2g} degrees ({np.degrees(size - 2 * spread):.2g} to "
+                    f"{np.degrees(size + 2 * spread):.2g}; {parts} of the base): correct imu.rotation, or the floor "
+                    "slopes.",
+                    value=size, low=size - 2.0 * spread, high=size + 2.0 * spread,
+                )
+            )  # fmt: skip
+        return found
+
+
+def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, Frame]) -> Legs | None:
+    """The IMU beside what the legs ask of the base; None where they tell too little."""
+    pairs: list[tuple[ImuLog, Array, Array]] = []
+    for run in runs:
+        log = imu_of(run)
+        base = None if log is None else carried(robot, run, frames)
+        if log is None or base is None or len(base.time) < 2:
+            continue
+        inside = (log.time > base.time[0]) & (log.time < base.time[-1])
+        log = ImuLog(log.time[inside], log.orientation[inside], log.turn_rate[inside])
+        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * REACH + BLOCK:
+            continue
+        at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
+        share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
+        turn = turns.between(base.orientation[at - 1], base.orientation[at], share)
+        pairs.append((log, turn, rates_of_turns(log.time, turn)))
+    if not pairs:
+        return None
+    delay, bias = _believed(runs[0], robot)
+    found = match([(log.time, smoothed(log), rate) for log, _, rate in pairs], REACH, delay)
+    if found is None or found.explained < EXPLAINED or abs(found.lag - delay) > REACH - LEAST_LAG:
+        return None
+    rows = [_rows(log, turn, rate, found.lag) for log, turn, rate in pairs]
+    return Legs(found, *_turn([block for run in rows for block in run]), (delay, bias))
+
+
+def _believed(run: MeasuredRun, robot: Robot) -> tuple[float, float]:
+    """Delay [s], and standard deviation of the bias of the orientation [rad]."""
+    said = run.meta.get("imu")
+    assumed = robot.imu or Imu("")
+    try:
+        delay = float(said["delay"]) if said and "delay" in said else assumed.delay
+        bias = float((said or {}).get("bias", {}).get("orientation", assumed.bias.orientation))
+    except (TypeError, ValueError, AttributeError):
+        raise SealegsError(
+            f"{run.name}: meta.imu of its sidecar is {said!r}; it is the imu of a robot's file."
+        ) from None
+    return delay, bias
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Of a block of a run: what was measured and what the legs ask for, each (n, 3)."""
+
+    rate: Array
+    asked_rate: Array
+    down: Array
+    asked_down: Array
+
+
+def _rows(log: ImuLog, turn: Array, rate: Array, lag: float) -> list[_Rows]:
+    grid = log.time[(log.time - lag > log.time[0]) & (log.time - lag < log.time[-1])]
+
+    def at(values: Array, time: Array) -> Array:
+        return np.stack([np.interp(time, log.time, column) for column in values.T], axis=1)
+
+    parts = (
+        at(smoothed(log), grid),
+        at(rate, grid - lag),
+        at(turns.projected_gravity(log.orientation), grid),
+        at(turns.projected_gravity(turn), grid - lag),
+    )
+    count = max(int((grid[-1] - grid[0]) / BLOCK), 1)
+    return [_Rows(*(part[rows] for part in parts)) for rows in np.array_split(np.arange(len(grid)), count)]
+
+
+def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
+    """The turn (3,) [rad] that makes what was measured what the legs ask for, and its standard deviation.
+
+    The turn rates tell it about all axes, gravity about the level ones, each weighed by what it leaves.
+    """
+
+    def solved(chosen: Sequence[_Rows]) -> np.ndarray:
+        turned = np.zeros(3)
+        for _ in range(4):
+            turn = turns.of_vector(turned)
+            slope, error = np.zeros((3, 3)), np.zeros(3)
+            for measured, asked in (("rate", "asked_rate"), ("down", "asked_down")):
+                first = np.concatenate([getattr(block, measured) for block in chosen])
+                second = turns.applied(turn, np.concatenate([getattr(block, asked) for block in chosen]))
+                left = first - second
+                weight = 1.0 / max(float(np.mean(left**2)), 1e-12)
+                # a further small turn d changes what is asked for by d x it
+                size = (second**2).sum()
+                slope += weight * (size * np.eye(3) - second.T @ second)
+                error += weight * np.cross(second, left).sum(axis=0)
+            turned = turns.to_vector(turns.multiply(turns.of_vector(np.linalg.solve(slope, error)), turn))
+        return turned
+
+    random = np.random.default_rng(0)
+    drawn = [solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(DRAWS)]
+    return -solved(blocks), np.std(drawn, axis=0)

@@ -1,0 +1,154 @@
+"""An IMU held against itself and against the legs that carry it: what is hidden in an independent walker's is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sealegs.common.errors import SealegsError
+from sealegs.gap.checks.imu import check_imu, imu_of
+from sealegs.gap.diagnose import diagnose
+from sealegs.gap.finder.imu import diagnose_imu
+from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
+from sealegs.gap.output.terminal import screen
+from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
+
+from testbed.imu import BoughtImu
+from testbed.logs import measured_run
+from testbed.quadruped import record_walker
+
+BELIEVED = {"delay": 0.01, "bias": {"orientation": 0.01, "turn_rate": 0.005}}
+SWAPPED = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rocking(imu: BoughtImu, seed: int = 0, size: float = 1.0, seconds: float = 10.0) -> MeasuredRun:
+    """A body that is rocked about all axes, with nothing known of any legs."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, 0.01)
+    angles = np.zeros((len(time), 3))
+    for axis in range(3):
+        for rate in random.uniform(0.4, 2.5, 4):
+            angles[:, axis] += 0.08 * size * random.normal() * np.sin(2.0 * np.pi * (rate * time + random.uniform()))
+    turned = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
+    return MeasuredRun("rocked", time, {}, dict(imu.columns(time, turned, random)))
+
+
+def walked(imu: BoughtImu, seed: int = 1, duration: float = 6.0) -> list[MeasuredRun]:
+    recordings, _ = record_walker({}, seed, Path(mkdtemp()), duration=duration, runs=2, imu=imu)
+    return [replace(run, meta={**run.meta, "imu": BELIEVED}) for run in map(measured_run, recordings)]
+
+
+def judged(imu: BoughtImu, seed: int = 1) -> JointDiagnosis:
+    return diagnose_imu(walked(imu, seed), {}, lambda text: None)
+
+
+FAULTS = {
+    "imu.sign": BoughtImu(axes=np.diag([1.0, -1.0, 1.0])),
+    "imu.axes": BoughtImu(axes=SWAPPED),
+    "imu.unit": BoughtImu(unit=np.pi / 180.0),
+    "imu.inverse": BoughtImu(inverse=True),
+    "imu.lag": BoughtImu(filtered=0.03),
+}
+
+
+@pytest.mark.parametrize("code", FAULTS)
+def test_what_contradicts_itself_is_named_from_the_log_alone(code: str) -> None:
+    findings, told = check_imu([rocking(FAULTS[code], seed) for seed in (1, 2)])
+    assert told and [finding.code for finding in findings] == [code] and findings[0].data_error
+
+
+def test_axes_are_told_by_name_and_a_lag_with_its_size() -> None:
+    (axes,), _ = check_imu([rocking(FAULTS["imu.axes"])])
+    assert "about x is that about y, about y is that about -x of its orientation" in axes.sentence
+    (lag,), _ = check_imu([rocking(FAULTS["imu.lag"])])
+    assert lag.value == pytest.approx(0.03, abs=0.004) and lag.low is not None and lag.high is not None
+    (unit,), _ = check_imu([rocking(FAULTS["imu.unit"])])
+    assert unit.value == pytest.approx(57.3, rel=0.03) and "deg/s" in unit.sentence
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_an_imu_that_is_right_is_not_doubted(seed: int) -> None:
+    mount = Rotation.from_rotvec(np.random.default_rng(seed).normal(0.0, 1.0, 3))
+    findings, told = check_imu([rocking(BoughtImu(delay=0.05, mount=mount), seed, size=0.3 + 0.1 * seed)])
+    assert told and findings == []
+
+
+def test_a_body_that_hardly_turns_tells_nothing() -> None:
+    assert check_imu([rocking(FAULTS["imu.axes"], size=0.01)]) == ([], False)
+    found = diagnose_imu([rocking(FAULTS["imu.axes"], size=0.01)], {}, lambda text: None)
+    assert found.verdict == NOT_IDENTIFIABLE and "hardly turns" in found.sentence
+
+
+def test_rows_without_a_new_sample_and_samples_of_another_time_are_no_fault() -> None:
+    run = rocking(BoughtImu())
+    run.base["imu.age"][:] = 0.004
+    for name in run.base:
+        run.base[name][::3] = np.nan
+    log = imu_of(run)
+    assert log is not None and len(log.time) < 0.7 * len(run.time) and log.time[0] == pytest.approx(0.006)
+    assert check_imu([run]) == ([], True)
+
+
+def test_a_log_without_an_imu_says_nothing_of_one() -> None:
+    run = rocking(BoughtImu())
+    assert check_imu([replace(run, base={"z": np.zeros(len(run.time))})]) == ([], False)
+
+
+# --- beside the legs -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_an_imu_that_is_right_agrees_with_the_legs() -> None:
+    found = judged(BoughtImu())
+    assert found.verdict == NOTHING and "agrees with itself and with the legs" in found.sentence
+    assert not found.data_errors and not found.findings
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_imu_that_sits_turned_is_named_with_its_angle(seed: int) -> None:
+    (finding,) = judged(BoughtImu(mount=Rotation.from_euler("y", 5.0, degrees=True)), seed).findings
+    assert finding.code == "imu.turned" and finding.value == pytest.approx(np.radians(5.0), abs=0.015)
+    assert "+5" in finding.sentence or "+4" in finding.sentence, "about y, in the direction in which it sits"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("mount", "says"),
+    [
+        (Rotation.from_euler("z", 90.0, degrees=True), "about x is that about y, about y is that about -x"),
+        (Rotation.from_euler("x", 180.0, degrees=True), "about y is that about -y, about z is that about -z"),
+    ],
+)
+def test_an_imu_that_is_mounted_another_way_is_named(mount: Rotation, says: str) -> None:
+    found = judged(BoughtImu(mount=mount))
+    assert found.verdict == EXPLAINED and [error.name for error in found.data_errors] == ["imu.mount"]
+    assert says in found.sentence and "imu.rotation" in found.sentence
+
+
+@pytest.mark.long
+def test_a_delay_beyond_the_believed_one_is_named_with_its_size() -> None:
+    (finding,) = judged(BoughtImu(delay=0.05)).findings
+    assert finding.code == "imu.delay" and finding.value == pytest.approx(0.05, abs=0.012)
+
+
+@pytest.mark.long
+def test_a_diagnosis_of_the_imu_alone_takes_no_joint_and_a_screen_says_it_once() -> None:
+    runs = walked(BoughtImu(mount=Rotation.from_euler("z", 90.0, degrees=True)))
+    found = diagnose([replace(run, source=None) for run in runs], joints=["imu"])
+    (imu,) = found.joints
+    assert imu.joint == "imu" and found.verdict == EXPLAINED
+    assert " ".join(screen(found.joints, {}, 100)).count("swapped") == 1
+    with pytest.raises(LogError, match="drives no joint 'imu'"):
+        diagnose([replace(run, base={}) for run in runs], joints=["imu"])
+
+
+@pytest.mark.long
+def test_a_sidecar_whose_imu_is_none_is_refused_in_a_sentence() -> None:
+    runs = [replace(run, meta={**run.meta, "imu": {"delay": "soon"}}) for run in walked(BoughtImu())]
+    with pytest.raises(SealegsError, match=r"meta\.imu of its sidecar is .*soon"):
+        diagnose_imu(MeasuredSet(tuple(runs), "walk").runs, {}, lambda text: None)
