@@ -47,7 +47,8 @@ class BoughtImu:
         def row(late: float) -> np.ndarray:
             return np.clip(np.searchsorted(time, time - late), 0, len(time) - 1)
 
-        own = body[row(self.delay + self.filtered)] * self.mount
+        late = Rotation.from_quat(turned[row(self.delay + self.filtered)], scalar_first=True)
+        own = late * self.mount
         own = own * Rotation.from_rotvec(NOISE["turn"] * random.normal(size=(len(time), 3)))
         quaternion = (own.inv() if self.inverse else own).as_quat(scalar_first=True)
         spin = self.mount.inv().apply(rates[row(self.delay)]) + NOISE["rate"] * random.normal(size=(len(time), 3))
