@@ -248,9 +248,8 @@ class Paper:
         lines += ["Predictions that another model of this project would have missed:"]
         for row in rows:
             if row.decides and row.rival is not None:
-                unit = f" {row.unit}" if row.unit else ""
-                lines.append(f"  {row.name}: printed {_text(row.printed)}{unit}, ours {_text(row.ours)}{unit}")
-                lines.append(f"    {row.rival.change}: {_text(row.rival.ours)}{unit}")
+                lines.append(f"  {_name(row)}: printed {_text(row.printed)}, ours {_text(row.ours)}")
+                lines.append(f"    {row.rival.change}: {_text(row.rival.ours)}")
         if not any(row.decides for row in rows):
             lines.append("  none")
         lines += ["", "Chosen numbers, what they were chosen to reach, and how many rows rest on them:"]

@@ -5,7 +5,7 @@
 
 The ``<robot>.json`` of each folder is kept as ``benchmarks/results/paper_<robot>.json``. Then every page whose text
 lies in ``papers/<robot>/page.md`` is written from those results. A figure of the run stands there as a field, such as
-``{hopping[period]:.3f}``, and a table as ``{rows}``.
+``{hopping[period]:.3f}``, and a table as ``{rows}``; a paper's own tables are in its results under ``tables``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+
+from sealegs.papers.published import MARKS
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 TEXTS = CHECKOUT / "papers"
@@ -35,7 +37,8 @@ def page(robot: str) -> str:
     """The text of docs/results/<robot>.md."""
     result = json.loads((RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
     text = (TEXTS / robot / "page.md").read_text(encoding="utf-8")
-    return text.format_map({**result, **tables(result)}) + WRITTEN.format(robot=robot)
+    own = {name: table(found["head"], found["rows"]) for name, found in result.get("tables", {}).items()}
+    return text.format_map({**result, **tables(result), **own}) + WRITTEN.format(robot=robot)
 
 
 def tables(result: Mapping[str, Any]) -> dict[str, str]:
@@ -57,6 +60,15 @@ def tables(result: Mapping[str, Any]) -> dict[str, str]:
                     {None: "not judged", True: "yes", False: "**no**"}[row["holds"]],
                 )
                 for row in rows
+            ),
+        ),
+        "marks": table(
+            ("mark", "what it means", "rows", "judged", "of them agree"),
+            (
+                (mark, meaning, *map(str, (len(of), len(judged), sum(judged))))
+                for mark, meaning in MARKS.items()
+                for of in [[row for row in rows if row["mark"] == mark]]
+                for judged in [[row["holds"] for row in of if row["holds"] is not None]]
             ),
         ),
         "notes": "\n".join(f"- {row['name']}: {row['note']}." for row in rows if row["note"]),

@@ -17,7 +17,7 @@ from .kinematics import foot_load, leg_angle, link_angles, stance
 from .parameters import GOAL_RANGE, LEGS, NUMBERS
 
 BODY = "body"
-TIMESTEP = 0.001  # [s]; convergence in docs/results/hexapod.md
+TIMESTEP = 0.001  # [s]; convergence in benchmarks/results/hexapod_open_parameters.md
 REACH = 0.9  # [m] rough size, for light and shadows
 ROTATION, VERTICAL, HORIZONTAL = KINDS = ("rotation", "vertical", "horizontal")
 # Loops carry a leg with less give than an encoder sees; the engine makes them as stiff as the step allows.

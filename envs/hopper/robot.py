@@ -15,7 +15,7 @@ from .parameters import GOAL_RANGE, NUMBERS
 
 BASE, UPPER, LOWER, FOOT = "base", "upper", "lower", "foot"
 HIP, KNEE = "hip", "knee"
-TIMESTEP = 0.001  # [s], as in the paper (IV-D); convergence in docs/results/hopper.md
+TIMESTEP = 0.001  # [s], as in the paper (IV-D); convergence in benchmarks/results/hopper_open_parameters.md
 REACH = 0.35  # [m] rough size, for light and shadows
 AXIS = (0.0, -1.0, 0.0)  # counter-clockwise for a viewer who has x to the right (Fig. 5)
 

@@ -105,17 +105,27 @@ def _on_stand(
     return drivetrain, data
 
 
-def leg_record(name: str, rng: np.random.Generator) -> Record:
-    """One coordinate with its leg, springs blocked, all other motors locked, under a chirp about its rest."""
+def _blocked(name: str, stiffer: float) -> Chain:
+    """The drive with its spring blocked, and with cables so many times as stiff."""
+    chain, path = torque_chain(name).without_stage("spring"), "compliance.stiffness"
+    return chain.with_value(path, stiffer * chain.value(path))
+
+
+def leg_record(name: str, rng: np.random.Generator, stiffer: float = 1.0) -> Record:
+    """One coordinate with its leg, springs blocked, all other motors locked, under a chirp about its rest.
+
+    Args:
+        name: of the coordinate.
+        rng: of the encoder's noise.
+        stiffer: how many times as stiff as printed the cables are.
+    """
     drive = DRIVES[name]
     others = tuple(other for other in NAMES if other != name)
     shape = HELD_SHAPE if drive.kind == ANGLE else START_SHAPE
-
-    def chains(which: str) -> Chain:
-        return torque_chain(which).without_stage("spring")
-
     # at 1 ms the engine itself damps the stretching cables as much as 7 % of the legs' friction
-    drivetrain, data = _on_stand(chains, others, dict.fromkeys(SIDES, shape), substeps=SUBSTEPS)
+    drivetrain, data = _on_stand(
+        lambda which: _blocked(which, stiffer), others, dict.fromkeys(SIDES, shape), substeps=SUBSTEPS
+    )
     load = leg_load(BIPED.parameters(), drive.kind)
     weight = load.sine * np.sin(shape) + load.cosine * np.cos(shape) if drive.kind == SHAPE else 0.0
     offset = drive.motor_constant * weight / drive.ratio
@@ -139,15 +149,13 @@ def drift_record(name: str, rng: np.random.Generator, seconds: float = 20.0) -> 
     return pulleys_record(name, 0, rng, SINE[0] * np.sin(2.0 * np.pi * SINE[1] * time))
 
 
-def legs_record(side: str, rng: np.random.Generator) -> tuple[Record, Record]:
+def legs_record(side: str, rng: np.random.Generator, stiffer: float = 1.0) -> tuple[Record, Record]:
     """Leg angle and leg shape of a leg at once, springs blocked, the other leg locked, each under its own chirp."""
     angle, shape = (coordinate(side, kind) for kind in (ANGLE, SHAPE))
     others = tuple(other for other in NAMES if other not in (angle, shape))
-
-    def chains(which: str) -> Chain:
-        return torque_chain(which).without_stage("spring")
-
-    drivetrain, data = _on_stand(chains, others, dict.fromkeys(SIDES, START_SHAPE), substeps=SUBSTEPS)
+    drivetrain, data = _on_stand(
+        lambda which: _blocked(which, stiffer), others, dict.fromkeys(SIDES, START_SHAPE), substeps=SUBSTEPS
+    )
     model, drives = drivetrain.model, (DRIVES[angle], DRIVES[shape])
     load = both_segments(BIPED.parameters())
     up, down = (

@@ -21,7 +21,6 @@ from ...common.errors import SealegsError
 from ...envs.hexapod.kinematics import foot_load
 from ...envs.hexapod.parameters import LEGS, NUMBERS
 from ...envs.hexapod.robot import VERTICAL, chains_of, coordinate
-from ..published import Mark, Row
 
 STEP = 0.001  # [s]
 RAMP = 0.05  # [V/s], 5.4
@@ -207,24 +206,3 @@ def identify(load: float = 5.0) -> Identified:
         rest = dry + friction["stribeck"]
         rows.append((moving.coulomb, moving.viscous, breakaway(friction, load), dry, planted_viscous, rest))
     return Identified(*(np.array(column, float) for column in zip(*rows, strict=True)))
-
-
-def identification_rows(found: Identified) -> list[Row]:
-    """What the procedures of 5.3 and 5.4 recover, as rows of the comparison."""
-    mark: Mark = "planted and recovered"
-    sides = "six legs, both directions"
-    return [
-        Row(
-            f"Coulomb friction of the vertical joint, {sides}", "5.3", "tables 4 to 6 (missing)",
-            f"within {found.worst('coulomb'):.2%} of what is planted", mark, agrees=found.worst("coulomb") < 0.01,
-        ),
-        Row(
-            "its viscous friction", "5.3", "hard to identify accurately",
-            f"within {found.worst('viscous'):.1%}", mark, agrees=found.worst("viscous") < 0.1,
-            note="at 8 mm/s it is a fifth of the Coulomb friction",
-        ),
-        Row(
-            f"breakaway force by (32) and (33), 5 kg on the foot, {sides}", "5.4", "table 8 (missing)",
-            f"within {found.worst('breakaway'):.2%} of what is planted", mark, agrees=found.worst("breakaway") < 0.02,
-        ),
-    ]  # fmt: skip

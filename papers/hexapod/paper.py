@@ -29,15 +29,17 @@ def chains_with(friction: str, changes: Mapping[str, float] | None = None) -> di
 
     Args:
         friction: of the joints.
-        changes: new values by ``kind.stage.parameter``, such as ``vertical.friction.coulomb``; those that are zero
-            there, because this friction does not have them, stay so.
+        changes: new values by ``kind.stage.parameter``, such as ``vertical.friction.coulomb``, or of one leg as
+            ``leg1_vertical.friction.coulomb``; those that are zero there, because this friction does not have them,
+            stay so, except for a difference between directions.
     """
     chains = chains_of(FRICTIONS[friction])
     for path, value in (changes or {}).items():
         kind, stage, key = path.split(".")
         for name in chains:
             found = chains[name].find(stage)
-            if name.endswith(kind) and found is not None and getattr(found, key) != 0.0:
+            given = found is not None and (key == "asymmetry" or getattr(found, key) != 0.0)
+            if name.endswith(kind) and given:
                 chains[name] = chains[name].with_value(f"{stage}.{key}", value)
     return chains
 

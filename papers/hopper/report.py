@@ -11,8 +11,8 @@ from typing import Any
 from ...common.atomic import write_text
 from ...common.errors import SealegsError
 from ...envs.hopper.parameters import NUMBERS
-from ..published import documents, row_lines
 from . import rows as printed_rows
+from .choices import PAPER
 from .paper import CHAINS, PRINTED, Figures, Hops, Legs, measure
 
 TIMED = 2.0  # [s] simulated for each real-time factor
@@ -45,9 +45,9 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         figures[name] = measure(cases[name])
         speed[name] = {str(count): Legs(chain, count).real_time_factor(TIMED) for count in LEGS}
     say("hopping with link lengths that know nothing of the servo")
-    rows = printed_rows.rows(cases, figures, seconds)
+    rows = printed_rows.rows(cases, figures, speed, seconds)
     result = {
-        "rows": documents(rows),
+        **PAPER.document(rows),
         "printed": {name: asdict(printed) for name, printed in PRINTED.items()},
         "simulated": {name: asdict(value) for name, value in figures.items()},
         "real_time_factor": speed,
@@ -61,32 +61,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
 
     plot_time(cases, out / "time.png")
     plot_periods(cases, out / "periods.png")
-    for line in (*table(figures, speed), *row_lines("paper 004", rows)):
+    for line in PAPER.lines(rows):
         say(line)
     say(f"Written: {out}/hopper.json, {out}/time.png, {out}/periods.png")
     return result
-
-
-def table(figures: dict[str, Figures], speed: dict[str, dict[str, float]]) -> list[str]:
-    """The comparison as lines of text."""
-    wide = 30
-    rows = [("", "hardware", *figures), ("", "paper", *("paper   ours   off" for _ in figures))]
-    hardware = PRINTED["hardware"]
-    for label, field, factor in (("hopping frequency [Hz]", "frequency", 1.0), ("jump height [cm]", "height", 100.0)):
-        cells = []
-        for name, value in figures.items():
-            printed, ours = getattr(PRINTED[name], field) * factor, getattr(value, field) * factor
-            cells.append(f"{printed:5.1f} {ours:6.2f} {ours / printed - 1.0:+5.0%}")
-        rows.append((label, f"{getattr(hardware, field) * factor:.1f}", *cells))
-    for label, field, factor in (
-        ("  of that, over standing [cm]", "rise", 100.0),
-        ("foot clearance [cm]", "clearance", 100.0),
-        ("forward speed [m/s]", "speed", 1.0),
-        ("spread of the period [%]", "regularity", 100.0),
-    ):
-        rows.append((label, "", *(f"{getattr(value, field) * factor:12.2f}      " for value in figures.values())))
-    for count in LEGS:
-        factors = [f"{speed[name][str(count)]:11.0f} x     " for name in figures]
-        rows.append((f"real time factor, {count} leg{'s' if count > 1 else ''}", "", *factors))
-    lines = [f"{row[0]:<{wide}} {row[1]:>9} " + " ".join(f"{cell:>22}" for cell in row[2:]) for row in rows]
-    return ["", *(line.rstrip() for line in lines), ""]

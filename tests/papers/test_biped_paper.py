@@ -13,7 +13,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
 from sealegs.envs.biped.robot import BIPED
-from sealegs.papers.biped import balance, paper, paper_plots, report, validation
+from sealegs.papers.biped import balance, choices, paper, paper_plots, report, tune_on_rigid, validation
 from sealegs.papers.biped.cable_fit import Cable, fit_cable
 from sealegs.papers.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.papers.biped.ground import land
@@ -36,6 +36,7 @@ from sealegs.papers.biped.identification import (
 from sealegs.papers.biped.legs_together import LegLoad, Together, fit_both
 from sealegs.papers.biped.return_map import Healing
 from sealegs.papers.biped.rig import leg_load, leg_record
+from sealegs.papers.published import Row
 
 from testbed import biped_drive as plant
 from tests.typed import typed
@@ -232,9 +233,12 @@ def test_a_deviation_that_grows_or_ends_in_a_fall_is_no_stable_hop() -> None:
 def test_rows_of_both_coordinates_at_once_judge_bias_and_motion() -> None:
     printed = [DRIVES[f"left_leg_{kind}"].leg_bias for kind in ("angle", "shape")]
     good = Together((printed[0], printed[1]), (0.01, 0.003), (0.36, 0.16), (0.08, 0.27))
-    assert all(row.holds for row in validation.leg_rows({"left": good}))
+    stiff = {"left": good.bias}
+    assert all(row.holds for row in validation.leg_rows({"left": good}, stiff))
     bad = replace(good, bias=(printed[0] + 0.02, printed[1]), residual=(0.2, 0.003))
-    assert [row.holds for row in validation.leg_rows({"left": bad})] == [False, False, True, True, True]
+    assert [row.holds for row in validation.leg_rows({"left": bad}, stiff)] == [False, False, True, True, True]
+    turned = replace(good, bias=(printed[0], -0.2 * printed[1]))
+    assert [row.holds for row in validation.leg_rows({"left": turned}, stiff)][2] is False, "of the other sign"
 
 
 @pytest.mark.long
@@ -365,9 +369,9 @@ def canned(name: str, *_: object) -> paper.Identified:
         for inertia, friction in zip(drive.lumped_inertia, drive.lumped_friction, strict=True)
     )
     cable = Cable(1.1 * drive.cable_stiffness, drive.cable_damping)
-    return paper.Identified(
-        pulleys, Motor(drive.motor_constant, drive.inertia_factor), Leg(drive.leg_friction, drive.leg_bias, 0.0), cable
-    )
+    leg = Leg(drive.leg_friction, drive.leg_bias, 0.0)
+    stiff = replace(leg, bias=0.5 * leg.bias)
+    return paper.Identified(pulleys, Motor(drive.motor_constant, drive.inertia_factor), leg, stiff, cable)
 
 
 @pytest.mark.long
@@ -380,8 +384,15 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     monkeypatch.setattr(paper, "hop", lambda: (hopping, rigid))
     monkeypatch.setattr(paper, "identify", canned)
     monkeypatch.setattr(paper, "spring_test", lambda side, rng: spring)
-    monkeypatch.setattr(paper, "sensitivity", lambda seconds, say: [paper.Change("boom_length", "2.6 m", figures)])
-    monkeypatch.setattr(validation, "validate", lambda *given: ([], {}))
+    tuned = [paper.Change(paper.ON_RIGID, cables, figures) for cables in (paper.TUNED, paper.RIGID, paper.STRETCHING)]
+    changes = [paper.Change("boom_length", "2.6 m", figures), *tuned]
+    monkeypatch.setattr(paper, "sensitivity", lambda seconds, say: changes)
+    others = [
+        Row(name, "", "stated", "", "fitted", rests=(*choices.HOPPING,))
+        for name in (choices.LANDING, choices.HEALS, choices.SOLES, choices.ALIKE)
+    ]
+    monkeypatch.setattr(validation, "validate", lambda *given: (others, {}))
+    monkeypatch.setattr(report, "step_cells", lambda substeps: (str(substeps),) * 5)
     lines: list[str] = []
     out = tmp_path / "comparison"
     report.compare(out, 30.0, lines.append)
@@ -390,10 +401,26 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     assert "hops without a fall" in text and "boom_length" in text
     written = json.loads((out / "biped.json").read_text())
     assert written["hopping"]["hops"] >= 92
+    unjudged = [row["name"] for row in written["rows"] if row["holds"] is None]
+    assert unjudged == [row.name for row in others], "every printed number is judged"
+    rows = {row["name"]: row for row in written["rows"]}
+    assert not rows["left leg angle: K_C [N.m/rad]"]["holds"], "ten percent more than planted"
+    assert not rows["on cables that stretch they do not hop steadily"]["holds"], "they hop as on rigid ones"
     for picture in ("positions", "torques", "stretch", "springs", "balance"):
         assert (out / f"{picture}.png").stat().st_size > 10_000
     with pytest.raises(SealegsError, match="holds a comparison already"):
         report.compare(out, 30.0, lines.append)
+
+
+def test_controllers_tuned_on_rigid_cables_are_drawn_by_the_search() -> None:
+    assert set(choices.TUNED_ON_RIGID) <= set(tune_on_rigid.drawn())
+    assert all(gait.torso_gain == 0.0 for gait in choices.TUNED_ON_RIGID), "the update came later"
+
+
+def test_friction_with_the_legs_on_tells_the_order_of_the_motor_constants() -> None:
+    taken = [validation.friction_with_leg(drive, drive.motor_constant) for drive in DRIVES.values()]
+    printed = [validation.friction_with_leg(DRIVES[name], value) for name, value in validation.TABLE_IV.items()]
+    assert min(taken) > 1.0 > min(printed)
 
 
 def test_every_assumed_number_of_the_model_is_changed_in_the_comparison() -> None:

@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
+from sealegs.envs.hexapod.robot import VERTICAL, coordinate
 from sealegs.papers.hexapod.friction_bench import breakaway, steady
-from sealegs.papers.hexapod.paper import Machine, Standing, Walk, friction_at_rest, limit_by_speed, stand_unpowered
-from sealegs.papers.hexapod.report import motors
+from sealegs.papers.hexapod.paper import (
+    Machine,
+    Standing,
+    Walk,
+    chains_with,
+    friction_at_rest,
+    limit_by_speed,
+    stand_unpowered,
+)
+from sealegs.papers.hexapod.rows import by_leg, motors
 
 from tests.typed import Done, typed
 
@@ -95,6 +104,16 @@ def test_the_limit_of_bristles_falls_with_speed_and_changes_sides_with_its_sign(
     assert limit[2] == pytest.approx(rest.coulomb) == pytest.approx(-limit[3])
 
 
+def test_each_leg_has_a_friction_of_its_own_and_two_give_way_under_ten_kilograms() -> None:
+    chains = chains_with("LuGre", by_leg())
+    vertical = [chains[coordinate(leg, VERTICAL)] for leg in range(6)]
+    assert len({chain.value("friction.coulomb") for chain in vertical}) == 6
+    assert all(chain.value("friction.asymmetry") != 0.0 for chain in vertical)
+    weak = {leg for leg, chain in enumerate(vertical) if chain.value("friction.stribeck") < 500.0}
+    assert weak == {1, 3}
+    assert chains["leg0_horizontal"] == chains_with("LuGre")["leg0_horizontal"]
+
+
 def test_an_unknown_friction_is_named() -> None:
     with pytest.raises(SealegsError, match="no joint friction 'lugre'"):
         Machine("lugre")
@@ -110,9 +129,13 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
     first = _evaluate(f"out={out}", "seconds=1")
     assert first.returncode == 0, first.stderr
     written = json.loads((out / "hexapod.json").read_text())
-    assert len(written["rows"]) == 14
-    missed = [row["name"] for row in written["rows"] if not row["holds"]]
-    assert missed == ["slight current as the load on leg 0 grows"]
+    rows = {row["name"]: row for row in written["rows"]}
+    assert not rows["slight current as the load on leg 0 grows"]["holds"]
+    fitted = [name for name, row in rows.items() if row["mark"] == "fitted"]
+    assert {"no vertical current in support with LuGre", "but with dry/viscous, for regulation"} < set(fitted)
+    assert "specific resistance of LuGre over that of dry/viscous" in [name for name in rows if rows[name]["decides"]]
+    alone = rows["no vertical current in support with LuGre"]["sensitivity"]["legs 1 and 3 there"]
+    assert min(float(part) for part in alone.removesuffix(" mA").split(" and ")) > 500.0, "they cannot hold their load"
     for name in ("height", "friction", "limit", "vertical", "horizontal", "resistance"):
         assert (out / f"{name}.png").stat().st_size > 10_000
     again = _evaluate(f"out={out}", "seconds=1")

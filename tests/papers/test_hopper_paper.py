@@ -106,12 +106,15 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
     out = tmp_path / "comparison"
     first = _evaluate("paper=hopper", f"out={out}", "seconds=4")
     assert first.returncode == 0, first.stderr
-    assert "hopping frequency" in first.stdout
+    assert "frequency of the hardware" in first.stdout
     written = json.loads((out / "hopper.json").read_text())
     assert written["printed"]["with actuator"] == {"frequency": 2.5, "height": 0.12}
     marks = {row["name"]: row["mark"] for row in written["rows"]}
-    assert marks["hopping frequency with actuator"] == marks["jump height with actuator"] == "fitted"
-    assert [row["mark"] for row in written["rows"] if row["sensitivity"]] == ["predicted"] * 3
+    assert marks["frequency with actuator"] == marks["height with actuator"] == "fitted"
+    decides = [row["name"] for row in written["rows"] if row["decides"]]
+    assert "frequency of the hardware" in decides, "which ideal motors miss"
+    assert "points that are left of the protocol" in decides, "which the constant of (3) in one direction misses"
+    assert written["chosen"]["upper_length"]["value"] == "0.108 m" and written["not_built"]
     assert set(written["real_time_factor"]["with actuator"]) == {"1", "4"}
     assert (out / "time.png").stat().st_size > 10_000
     assert (out / "periods.png").stat().st_size > 10_000

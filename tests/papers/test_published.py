@@ -122,7 +122,7 @@ def test_only_a_prediction_that_another_model_misses_decides() -> None:
 
 def test_the_comparison_shows_the_other_model_the_choices_and_what_is_not_built() -> None:
     text = "\n".join(PAPER.lines(ROWS))
-    assert "frequency: printed 2.9 Hz, ours 2.8 Hz\n    ideal motors: 4 Hz" in text
+    assert "frequency [Hz]: printed 2.9, ours 2.8\n    ideal motors: 4\n" in text
     assert "breakaway = 740 N: legs irreversible (1 rows)" in text
     assert "V, fuel is saved: the engine burns none" in text
     written = PAPER.document(ROWS)

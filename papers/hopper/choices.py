@@ -1,0 +1,50 @@
+"""What the hopper's paper does not print and we chose, what for, and what of the paper is not repeated."""
+
+from __future__ import annotations
+
+from ...envs.hopper.parameters import NUMBERS
+from ..published import Choice, NotBuilt, Paper, assumed
+
+HOPS = "regular hopping in both cases"
+FITTED = tuple(f"{what} {case}" for case in ("with actuator", "without actuator") for what in ("frequency", "height"))
+BLIND_FITTED = tuple(f"{what} without actuator, lengths from it" for what in ("frequency", "height"))
+LINE = ("torque per PWM of a motor's bench", "torque per rpm of a motor's bench")
+
+LENGTHS = ("upper_length", "lower_length")
+BLIND = ("blind_upper_length", "blind_lower_length")
+MODEL = ("upper_centre", "lower_centre", "foot_radius", "contact_time", "signal", "gain_unit", "height_of_a_jump")
+"""Names of chosen numbers that all hopping rests on, beside the lengths of the links."""
+BLIND_LENGTHS = (0.100, 0.084)  # [m] upper and lower link: of the search, best on the figures without actuator
+
+_SEARCH = "search in benchmarks/results/hopper_open_parameters.md"
+PAPER = Paper(
+    "paper 004",
+    {
+        **assumed(NUMBERS, upper_length=FITTED, lower_length=FITTED),
+        **{
+            name: Choice(f"{value:g} m", f"{_SEARCH}, on the leg without actuator alone", BLIND_FITTED)
+            for name, value in zip(BLIND, BLIND_LENGTHS, strict=True)
+        },
+        "signal": Choice("three states, sign of the springs' torque", "a signal of two states does not hop", (HOPS,)),
+        "gain_unit": Choice("K_P = 75 as duty per radian", "as percent per radian the leg sags to the floor", (HOPS,)),
+        "height_of_a_jump": Choice(
+            "way of the hip from its lowest to its highest point",
+            "from standing, the hardware's 10 cm would take 0.29 s of flight, and its whole period is 0.34 s",
+        ),
+        "bench_motor": Choice(
+            "the motor in configs/actuator/sv1270tg_motor.yaml", "near the first two coefficients of (3)", LINE
+        ),
+        "bench_noise": Choice("normal, 5 N.mm and 0.02 rad/s", "0.1 % of the transducer's range; plausible"),
+    },
+    (
+        NotBuilt("III-B, Fig. 4", "speed over torque at each PWM and temperature", "its points are not at hand"),
+        NotBuilt("IV-B", "worn gears rub less", "the wear is not printed; K_P = 55 alone stands at the rows"),
+        NotBuilt("IV-E, Fig. 6 and 7", "curves of the hardware and of both simulations", "the figures are not at hand"),
+        NotBuilt("IV-E", "the same largest link angles as the hardware", "the hardware's angles are in Fig. 7 alone"),
+        NotBuilt("IV-E", "the motor's position has steps in flight, of backlash", "the play is not printed"),
+        NotBuilt(
+            "IV-E", "without actuator the leg does not swing realistically in flight", "said of a curve of Fig. 7 alone"
+        ),
+        NotBuilt("V-A", "control parameters do not suit the leg without actuator", "no others are printed"),
+    ),
+)  # fmt: skip
