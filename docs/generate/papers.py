@@ -5,7 +5,7 @@
 
 The ``<robot>.json`` of each folder is kept as ``benchmarks/results/paper_<robot>.json``. Then every page whose text
 lies in ``papers/<robot>/page.md`` is written from those results. A figure of the run stands there as a field, such as
-``{hopping[period]:.3f}``, and a table as ``{rows}``; a paper's own tables are in its results under ``tables``.
+``{hopping[period]:.3f}``, and a table as ``{rows}``; a paper's own tables are in its results under ``page_tables``.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def page(robot: str) -> str:
     """The text of docs/results/<robot>.md."""
     result = json.loads((RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
     text = (TEXTS / robot / "page.md").read_text(encoding="utf-8")
-    own = {name: table(found["head"], found["rows"]) for name, found in result.get("tables", {}).items()}
+    own = {name: table(found["head"], found["rows"]) for name, found in result.get("page_tables", {}).items()}
     return text.format_map({**result, **tables(result), **own}) + WRITTEN.format(robot=robot)
 
 

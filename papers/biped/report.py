@@ -67,7 +67,7 @@ def compare(out: Path, seconds: float = SHORTEST, say: Callable[[str], None] = p
     result = {
         **PAPER.document(printed),
         "printed": {name: asdict(drive) for name, drive in DRIVES.items()},
-        "tables": {
+        "page_tables": {
             "changes": {"head": CHANGED, "rows": [cells(change) for change in changes]},
             "steps": {"head": STEPPED, "rows": stepped},
         },
