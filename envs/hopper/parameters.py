@@ -15,8 +15,8 @@ NUMBERS = {
     "hip_rest": Number(-0.61, "rad", "paper 004, IV-A: q0", -1.5, 1.5),
     "knee_rest": Number(0.61, "rad", "paper 004, IV-A: q0", -1.5, 1.5),
     "floor_friction": Number(1.0, "-", "paper 004, IV-C: mu"),
-    "upper_length": Number(0.108, "m", "assumed: chosen by the search in benchmarks/results/hopper_open_parameters.md", 0.01),
-    "lower_length": Number(0.092, "m", "assumed: chosen by the search in benchmarks/results/hopper_open_parameters.md", 0.01),
+    "upper_length": Number(0.108, "m", "assumed: chosen by the search of benchmarks/hopper_open_parameters.py", 0.01),
+    "lower_length": Number(0.092, "m", "assumed: chosen by the search of benchmarks/hopper_open_parameters.py", 0.01),
     "upper_centre": Number(
         0.5, "-", "assumed: uniform rod; distance of the centre of mass from the hip over length", 0.05, 0.95
     ),
