@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import mujoco
 
 from ...actuators import DrivenCoordinate, Drivetrain
-from ...actuators.mounting import spring_constraint
 from ..engine.numbers import Effect, Number
 from ..engine.robot import Robot
 from ..engine.scene import CAMERA, add_scene, add_sun
+from ..engine.stops import set_stop
 from .stops import STOP_DAMPING, STOP_STIFFNESS
 
 JOINT = "joint"
@@ -28,6 +28,7 @@ NUMBERS = {
     "extra_inertia": Number(0.0, "kg.m2", "assumed: a point mass on a rod", neutral=True),
     "lower_stop": Number(-FREE, "rad", "assumed: nothing stops the pendulum", -FREE, FREE, neutral=True),
     "upper_stop": Number(FREE, "rad", "assumed: nothing stops the pendulum", -FREE, FREE, neutral=True),
+    "stop_stiffness": Number(STOP_STIFFNESS, "N.m/rad", "assumed", 1e-3, neutral=True),
 }
 BARE = {"arm_mass": 0.0}
 """What has no arm by definition: an empty shaft, and a point mass that stands for a load that nobody knows."""
@@ -95,15 +96,10 @@ def block(drivetrain: Drivetrain, values: Mapping[str, float]) -> None:
     lower, upper = values["lower_stop"], values["upper_stop"]
     if lower <= -FREE and upper >= FREE:
         return
-    model, limit = drivetrain.model, drivetrain.spec.joint(JOINT)
-    number = model.joint(JOINT).id
+    model = drivetrain.model
+    drivetrain.spec.joint(JOINT).range = lower, upper
     moved = inertia(values) + (drivetrain.chains[JOINT].armature() if model.njnt == 1 else 0.0)
-    solref, solimp = spring_constraint(STOP_STIFFNESS, STOP_DAMPING, 1.0 / moved, model.opt.timestep)
-    limit.limited, limit.range = True, (lower, upper)
-    limit.solref_limit, limit.solimp_limit = solref, solimp
-    model.jnt_limited[number] = True
-    model.jnt_range[number] = lower, upper
-    model.jnt_solref[number], model.jnt_solimp[number] = solref, solimp
+    set_stop(drivetrain, JOINT, (lower, upper), moved, (values["stop_stiffness"], STOP_DAMPING))
 
 
 BENCH = Robot(
@@ -119,6 +115,7 @@ BENCH = Robot(
         "load.extra_inertia": Effect("extra_inertia", "plus"),
         "load.stop_angle": Effect("upper_stop", "most"),
         "load.lower_stop": Effect("lower_stop", "least"),
+        "load.stop_stiffness": Effect("stop_stiffness", "set"),
     },
     finish=block,
 )

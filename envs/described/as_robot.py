@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import mujoco
 
@@ -11,7 +12,7 @@ from ...actuators import DrivenCoordinate
 from ..engine.numbers import Number
 from ..engine.robot import Robot
 from .robot_described import FLOOR_FRICTION, RobotFile
-from .robot_numbers import model_effects, model_numbers
+from .robot_numbers import harden_stops, model_effects, model_numbers
 
 
 def as_robot(file: RobotFile) -> Robot:
@@ -30,6 +31,7 @@ def as_robot(file: RobotFile) -> Robot:
         chains={item.name: item.chain for item in file.joints},
         build=file.build,
         effects=model_effects(file.model, singles),
+        finish=partial(harden_stops, file.model),
         start={item.name: item.start for item in file.joints},
         pose={label: place for label, place in file.model.pose.items() if label[0] not in driven} | file.at_height(),
         units={item.name: item.unit for item in file.joints if item.unit != "rad"},

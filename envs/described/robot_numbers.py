@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
+from ...actuators import Drivetrain
+from ..bench.stops import STOP_DAMPING
 from ..engine.numbers import Effect, Number, RobotError
+from ..engine.stops import set_stop
 from .model_file import UNITS, ModelBody, ModelFile
 
 FREE = 1e3  # [rad or m] a stop that nothing reaches: there is none
@@ -53,6 +56,9 @@ def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> d
         said = "assumed: nothing stops the joint" if free else source
         numbers[f"{name}_lower_stop"] = Number(low, unit, said, -FREE, FREE, neutral=free)
         numbers[f"{name}_upper_stop"] = Number(high, unit, said, -FREE, FREE, neutral=free)
+        if joint.kind == "hinge":
+            said = "0: as hard as the file has it, or the engine"
+            numbers[f"{name}_stop_stiffness"] = Number(0.0, "N.m/rad", said, neutral=True)
     return numbers
 
 
@@ -67,6 +73,8 @@ def model_effects(model: ModelFile, joints: Mapping[str, str]) -> dict[str, Effe
     for coordinate, joint in joints.items():
         effects[f"{coordinate}.load.stop_angle"] = Effect(f"{joint}_upper_stop", "set")
         effects[f"{coordinate}.load.lower_stop"] = Effect(f"{joint}_lower_stop", "set")
+        if model.joints[joint].kind == "hinge":
+            effects[f"{coordinate}.load.stop_stiffness"] = Effect(f"{joint}_stop_stiffness", "set")
         effects[f"{coordinate}.load.extra_inertia"] = Effect(f"{joint}_inertia", "plus")
         effects[f"{coordinate}.load.rotor_inertia"] = Effect(f"{joint}_rotor", "plus")
         effects[f"{coordinate}.load.about_joint"] = Effect(f"{joint}_about_joint", "plus")
@@ -123,16 +131,36 @@ def apply_numbers(spec: mujoco.MjSpec, model: ModelFile, values: Mapping[str, fl
             frame = _explicit(spec, name)
             frame.mass, frame.ipos, frame.inertia, frame.gravcomp = payload, tip, np.zeros(3), 0.0
     _lighten(spec, less)
-    for name, joint in model.joints.items():
-        if f"{name}_lower_stop" not in values:
-            continue
-        stops = values[f"{name}_lower_stop"], values[f"{name}_upper_stop"]
-        if stops == (joint.range or (-FREE, FREE)):
-            continue
-        item = spec.joint(name)
+    for name, stops in _moved_stops(model, values).items():
+        joint, item = model.joints[name], spec.joint(name)
         item.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         # a file that the main one attaches may count angles in another unit
         item.range = np.degrees(stops) if item.compiler.degree and joint.kind == "hinge" else stops
+
+
+def _moved_stops(model: ModelFile, values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Stops by joint [rad or m] that are elsewhere than the file has them."""
+    found = {
+        name: (values[f"{name}_lower_stop"], values[f"{name}_upper_stop"])
+        for name in model.joints
+        if f"{name}_lower_stop" in values
+    }
+    return {name: stops for name, stops in found.items() if stops != (model.joints[name].range or (-FREE, FREE))}
+
+
+def harden_stops(model: ModelFile, drivetrain: Drivetrain, values: Mapping[str, float]) -> None:
+    """Make the stops of hinges as hard as they were found [N.m/rad].
+
+    The engine takes that per inertia, so chains must be in the model.
+    """
+    moved, compiled = _moved_stops(model, values), drivetrain.model
+    for name, joint in model.joints.items():
+        stiffness, ends = values.get(f"{name}_stop_stiffness", 0.0), moved.get(name, joint.range)
+        if stiffness == 0.0 or ends is None:
+            continue
+        mobility = float(compiled.dof_invweight0[compiled.joint(name).dofadr[0]])
+        if mobility > 0.0:
+            set_stop(drivetrain, name, ends, 1.0 / mobility, (stiffness, STOP_DAMPING))
 
 
 def _turning(inertia: float, axis: np.ndarray) -> np.ndarray:

@@ -13,6 +13,16 @@ from .registry import entry
 
 STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 """Numbers of a joint's stops, and on which side of it they are."""
+SOFTEST, HARDEST = 0.04, 20.0  # times the usual stiffness, between which that of a stop is sought
+
+
+def _stiffness(nominal: JointModel) -> Variant:
+    """How hard what blocks a hinge is: a wall whose stiffness is wrong looks like a compliance of the joint."""
+    if nominal.axis.slide:
+        return ()
+    number, usual = "load.stop_stiffness", nominal.value("load.stop_stiffness")
+    hard = Parameter(number, "N.m/rad", SOFTEST * usual, HARDEST * usual, usual, 0.3, logarithmic=True, shape=True)
+    return (hard,)
 
 
 @entry("contact.blocked")
@@ -20,10 +30,11 @@ def blocked(nominal: JointModel) -> Cause:
     axis = nominal.axis  # which scales the ranges back to what it goes through
     middle, half = (0.5 * length / axis.reach for length in (axis.low + axis.high, axis.high - axis.low))
     variants: list[Variant] = []
+    hard = _stiffness(nominal)
     for start in (0.9, 0.5, 0.25):
         above, below = nominal.load.stop_ranges(middle, half, start)
         upper, lower = Parameter("load.stop_angle", "rad", *above), Parameter("load.lower_stop", "rad", *below)
-        variants += [(upper,), (lower,), (upper, lower)]
+        variants += [(upper, *hard), (lower, *hard), (upper, lower, *hard)]
     return Cause(
         sentence="Something stops the link at an angle.",
         picture="response",
@@ -46,7 +57,7 @@ def with_stops(causes: Sequence[Cause], stops: Sequence[Stop], nominal: JointMod
         )
         for stop in stops
     }  # fmt: skip
-    read: list[Variant] = [tuple(at.values())]
+    read: list[Variant] = [(*at.values(), *_stiffness(nominal))]
     return [
         replace(cause, variants=(*read, *cause.variants), seen=True) if cause.at_stops else cause for cause in causes
     ]

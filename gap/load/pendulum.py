@@ -23,6 +23,7 @@ class PendulumLoad:
         extra_inertia: beyond that of mass and arm [kg.m2].
         centre_shift: of the mass along the arm [m].
         stop_angle, lower_stop: beyond and below which something blocks the link [rad].
+        stop_stiffness: of what blocks it [N.m/rad]; 0: as usual of such a joint.
         typical_inertia: of the largest load that a run's sidecar describes [kg.m2], by which a search is scaled.
     """
 
@@ -31,6 +32,7 @@ class PendulumLoad:
     centre_shift: float = 0.0
     stop_angle: float = math.inf
     lower_stop: float = -math.inf
+    stop_stiffness: float = 0.0
     typical_inertia: float = 0.0
 
     @property
@@ -88,6 +90,7 @@ class PendulumLoad:
             "extra_inertia": believed["extra_inertia"] + self.extra_inertia,
             "lower_stop": max(believed["lower_stop"], self.lower_stop),
             "upper_stop": min(believed["upper_stop"], self.stop_angle),
+            "stop_stiffness": self.stop_stiffness or believed["stop_stiffness"],
         }
 
     def inertia(self, params: Mapping[str, float]) -> float:

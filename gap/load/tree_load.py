@@ -22,6 +22,7 @@ class TreeLoad:
         rotor_inertia: the same of what turns only as the joint does against its parent, as a rotor behind a gear.
         centre_shift: of the joint's own body's centre of mass, away from the joint [m].
         stop_angle, lower_stop: beyond and below which something blocks the link [rad].
+        stop_stiffness: of what blocks it [N.m/rad]; 0: as usual of such a joint.
         typical_inertia: in the middle of the log [kg.m2].
         typical_gravity: largest change of the torque with the angle [N.m/rad].
         least_payload: the least that leaves a body at the end of the robot [kg], below zero.
@@ -39,6 +40,7 @@ class TreeLoad:
     centre_shift: float = 0.0
     stop_angle: float = math.inf
     lower_stop: float = -math.inf
+    stop_stiffness: float = 0.0
     typical_inertia: float = 0.0
     typical_gravity: float = 0.0
     least_payload: float = 0.0

@@ -146,7 +146,8 @@ class JointModel:
         """
         at = address(path)
         if at.target is Target.LOAD:
-            return self.load.value(at.key)
+            value = self.load.value(at.key)
+            return value or self.axis.stop_stiffness if at.key == "stop_stiffness" else value
         if at.target is Target.HOST:
             return getattr(self, f"host_{at.key}")
         if at.target is Target.GEAR:
@@ -241,7 +242,7 @@ class JointModel:
             host_scale=self.host_scale,
             stop=upper_stop,
             lower_stop=lower_stop,
-            stop_stiffness=self.axis.stop_stiffness,
+            stop_stiffness=self.value("load.stop_stiffness"),
             stop_damping=self.axis.stop_damping,
             delay=delay.seconds if (delay := chain.find("delay")) is not None else 0.0,
         )

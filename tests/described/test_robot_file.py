@@ -134,6 +134,20 @@ def test_numbers_of_bodies_stops_and_tilt_act_on_the_model() -> None:
     assert robot_hash(robot, params) != robot_hash(robot)
 
 
+@pytest.mark.parametrize("stiffness", [150.0, 500.0])
+def test_a_stop_of_a_robot_is_as_hard_as_it_was_found(stiffness: float) -> None:
+    robot = get_robot(ARM)
+    drivetrain = robot.drivetrain(params={"elbow_upper_stop": 0.4, "elbow_stop_stiffness": stiffness})
+    data = mujoco.MjData(drivetrain.model)
+    data.ctrl[[item.name for item in drivetrain.coordinates].index("elbow")] = 1.0
+    mujoco.mj_step(drivetrain.model, data, 2000)
+    beyond = float(data.joint("elbow").qpos[0]) - 0.4
+    against = -float(data.qfrc_constraint[drivetrain.model.joint("elbow").dofadr[0]])
+    assert against > 1.0 and against == pytest.approx(stiffness * beyond, rel=0.05)
+    (ends,) = {tuple(model.jnt_range[1]) for model in (drivetrain.model, drivetrain.spec.copy().compile())}
+    assert ends[1] == pytest.approx(0.4)
+
+
 def test_two_models_of_one_name_are_two_robots(tmp_path: Path) -> None:
     hashes = set()
     for folder, mass in (("a", "0.1"), ("b", "0.2")):

@@ -11,6 +11,7 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.contact import with_stops
 from sealegs.gap.checks.stops import Stop, stops_of
 from sealegs.gap.experiment.excitations import STOP_CLEARANCE, Limits, excitations, within
+from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.prepare.pieces import cut_joint, fit_runs
@@ -70,8 +71,22 @@ def test_a_stop_that_was_seen_is_tried_from_where_it_is() -> None:
     causes = with_stops(catalogue(nominal), (Stop(-1.03, -1, 0.08, 3.0),), nominal)
     (cause,) = [cause for cause in causes if cause.seen]
     assert cause.name == "contact.blocked"
-    assert [(p.number, p.start) for p in cause.variants[0]] == [("load.lower_stop", -1.03)]
+    stop, hardness = cause.variants[0]
+    assert (stop.number, stop.start) == ("load.lower_stop", -1.03)
+    assert (hardness.number, hardness.start) == ("load.stop_stiffness", nominal.axis.stop_stiffness)
     assert np.isfinite(cause.variants[0][0].low)
+
+
+@pytest.mark.long
+def test_a_stop_that_is_softer_than_assumed_is_no_compliance_of_the_joint() -> None:
+    """A wall of 200 N.m/rad, taken for one of 500, was told with a compliance beside it at every joint of two legs."""
+    data, _ = hidden_bench(
+        {"contact.blocked": 0.75}, 3, duration=8.0, schedules=LIFTS, constants={"stop_stiffness": 150.0}
+    )
+    (found,) = diagnose(data, causes=["contact.blocked", "transmission.compliance", "friction.coulomb"])
+    (cause,) = found.causes
+    angle, stiffness = cause.parameters["load.stop_angle"], cause.parameters["load.stop_stiffness"]
+    assert angle.low <= 0.75 <= angle.high and stiffness.low <= 150.0 <= stiffness.high < 300.0
 
 
 def test_a_stop_that_only_the_test_part_meets_is_told_and_not_fitted() -> None:

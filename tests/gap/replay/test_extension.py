@@ -65,6 +65,7 @@ NATIVE = {
     "inertia": ({"load.extra_inertia": 0.003}, 0.02),
     "centre of mass": ({"load.centre_shift": 0.02}, 0.02),
     "blocked": ({"load.stop_angle": 0.3}, 0.02),
+    "blocked softly": ({"load.stop_angle": 0.3, "load.stop_stiffness": 120.0}, 0.02),
 }
 """Native effects, and how far [mrad rms] plain MuJoCo may be from the extended simulation."""
 
