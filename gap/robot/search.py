@@ -19,6 +19,7 @@ from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
 from ..measure.measured import Measured
+from ..measure.shares import by_effect
 from ..replay.flattened import flattened
 from ..replay.parameters import BAR, Parameter, address
 from ..replay.problem import JointProblem
@@ -74,11 +75,7 @@ class SharedFound:
         return found
 
     def by_effect(self, measured: Measured, number: str = "") -> Measured:
-        """What was measured, its shares split by how far all joints move where each part is put back to what is
-        believed.
-
-        What a fit without a cause leaves is no measure of it here: other bodies and frictions of the joints make up for
-        most of a payload.
+        """What was measured, its shares by effect: bodies and frictions of the joints make up for most of a payload.
 
         Args:
             measured: of the robot.
@@ -88,11 +85,8 @@ class SharedFound:
         parts = [set(cause.parameters) for cause in measured.causes]
         parts.append({path for path in full if number and address(path).joint and address(path).own == number})
         parts.append(set(full).difference(*parts))
-        rows = [{path: x for path, x in full.items() if path not in part} for part in parts]
-        here, *others = self.problem.residual(self.problem.simulate([full, *rows]))
-        effects = np.array([np.mean((other - here) ** 2) for other in others])
         explained = measured.tuned_share + sum(cause.share for cause in measured.causes)
-        *shares, shared, tuned = explained * effects / max(effects.sum(), 1e-300)
+        *shares, shared, tuned = explained * by_effect(self.problem, full, parts)
         causes = [replace(cause, share=float(x)) for cause, x in zip(measured.causes, shares, strict=True)]
         causes = tuple(sorted(causes, key=lambda cause: -cause.share))
         return replace(measured, causes=causes, shared_share=float(shared), tuned_share=float(tuned))

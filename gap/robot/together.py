@@ -12,7 +12,9 @@ from ..measure.case import Case, Replay
 from ..measure.confidence import standing
 from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, Value
+from ..measure.shares import by_effect
 from ..prepare.request import Request
+from ..replay.parameters import numbers
 from ..replay.problem import NOISE_FLOORS
 from ..search.forward import NUMERICAL
 from ..search.latency import DELAY, NUMBER, Latency, latency_of
@@ -81,19 +83,23 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
         diagnosis: of the joint.
         found: the latency of all joints.
     """
-    problem, noise = diagnosis.problem, diagnosis.gap.get("noise_floor")
-    if found is None or diagnosis.joint not in found.joints or problem is None or noise is None:
+    problem = diagnosis.problem
+    if found is None or diagnosis.joint not in found.joints or problem is None:
         return diagnosis
     if NUMBER not in diagnosis.values:  # the believed model is handed over
         return diagnosis
-    rows = problem.simulate([{}, {NUMBER: found.value}])
-    before, after = (float(np.mean(problem.position_error(row) ** 2)) for row in rows)
-    gap = max(before - noise.rmse**2, 1e-24)
-    share = float(np.clip((before - after) / gap, 0.0, diagnosis.tuned_share))
+    known = numbers(diagnosis.values)
+    parts = [{known[number] for number in cause.parameters if number in known} for cause in diagnosis.causes]
+    parts.append({NUMBER})
+    parts.append(set(diagnosis.values).difference(*parts))
+    explained = diagnosis.tuned_share + sum(cause.share for cause in diagnosis.causes)
+    *shares, share, tuned = map(float, explained * by_effect(problem, diagnosis.values, parts))
+    causes = [replace(cause, share=x) for cause, x in zip(diagnosis.causes, shares, strict=True)]
     reason = Reason("shared", f"All joints share a {told(found)}: {100.0 * share:.0f} % of this gap.")
     diagnosis = diagnosis.changed(
+        causes=tuple(sorted(causes, key=lambda cause: -cause.share)),
         shared_share=share,
-        tuned_share=diagnosis.tuned_share - share,
+        tuned_share=tuned,
         shared={NUMBER: DELAY},
         reasons=(reason, *diagnosis.reasons),
     )
