@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ...common.errors import nearest
+from ...common.errors import SealegsError, nearest
 from ...configs.check import checked_fields
 from ..engine import turns
 from ..engine.base import BaseLayout, quaternion
@@ -18,6 +20,9 @@ from ..engine.model_poses import stand
 from ..engine.numbers import RobotError
 from ..engine.robot import Robot
 from .robot_entries import ImuEntry
+
+NAMED_IMU = re.compile(r"(?:^|[\W_])imu(?:$|[\W_\d])", re.IGNORECASE)
+"""Names of sites and bodies that are an IMU."""
 
 
 def read_imu(document: Mapping[str, Any], robot: Robot) -> Imu:
@@ -52,13 +57,27 @@ def read_imu(document: Mapping[str, Any], robot: Robot) -> Imu:
             "the base, or on a body that no joint moves against it."
         )
     mount = turns.multiply(turn, own)
+    said = {**vars(entry), "rotation": list(entry.rotation), "noise": {**vars(noise)}, "bias": {**vars(bias)}}
     standing = np.array(model.qpos0)
     stand(model, robot.pose, standing)
     upright = standing[place[0] + 3 : place[0] + 7]
     return Imu(
         layout.base_name, mount=tuple(mount.tolist()), upright=tuple(upright.tolist()), rate=entry.rate,
-        delay=entry.delay, noise=noise, bias=bias, fallen=entry.fallen, silent=entry.silent, said=dict(document),
+        delay=entry.delay, noise=noise, bias=bias, fallen=entry.fallen, silent=entry.silent, said=said,
     )  # fmt: skip
+
+
+def seat_of_imu(robot: Robot) -> dict[str, str]:
+    """The site or body of the base that a model calls an IMU, as ``imu`` of a YAML has it; empty: there is none."""
+    model = robot.build_spec().compile()
+    named = [("site", model.site(k).name) for k in range(model.nsite)]
+    named += [("body", model.body(k).name) for k in range(1, model.nbody)]
+    for kind, name in named:
+        if NAMED_IMU.search(name):
+            with suppress(SealegsError):  # it moves against the base, or there is none that moves
+                read_imu({kind: name}, robot)
+                return {kind: name}
+    return {}
 
 
 def with_imu(robot: Robot, document: Mapping[str, Any] | None) -> Robot:

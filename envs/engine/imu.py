@@ -50,7 +50,7 @@ class Imu:
         bias: of each IMU, the same in all its samples.
         fallen: tilt from upright at which a run ends [rad]; None: none.
         silent: time without a sample at which a run ends [s], and two cycles at least.
-        said: what the robot's file says of it, for who builds it again.
+        said: all of it as the robot's file may say it, for who builds it again.
     """
 
     joint: str

@@ -16,6 +16,7 @@ import yaml
 from ...actuators.stages.controller import UNLIMITED
 from ...common.atomic import write_text
 from ...common.errors import SealegsError
+from ..described.as_robot import as_robot
 from ..described.model_file import UNITS, ModelFile, read_model
 from ..described.robot_assembly import WARNING, assembled
 from ..described.robot_assumed import motor_note, reduction_note, tied_note
@@ -23,6 +24,7 @@ from ..described.robot_choice import chosen, none_to_drive, passive, passive_sen
 from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile
 from ..described.robot_entries import FileEntry
 from ..described.robot_file import load_robot_file
+from ..described.robot_imu import seat_of_imu
 from ..engine.numbers import RobotError
 from .robot_names import in_yaml, name_note
 from .robot_trial import steady
@@ -159,7 +161,7 @@ def robot_yaml(
 
 
 def _ground(robot: RobotFile) -> str:
-    """What a robot on legs stands on, and how."""
+    """What a robot on legs stands on, and how, and what tells it how it leans."""
     lines = []
     if robot.floor is not None:
         lines.append(
@@ -169,6 +171,9 @@ def _ground(robot: RobotFile) -> str:
         lines.append(f"height: {robot.height:g}   # of the base where episodes start [m]")
     if robot.exclude:
         lines.append(f"exclude: {_flow([list(pair) for pair in robot.exclude])}   # bodies that never touch")
+    if robot.base == "free":
+        seat, what = seat_of_imu(as_robot(robot)), "rate, delay, noise and bias as in the page An IMU, assumed"
+        lines.append(f"imu: {_flow(seat)}   # {what}" if seat else "# imu: {}   # if it has one on its base: " + what)
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -10,7 +10,6 @@ from ...common.documents import read_yaml
 from ...common.errors import SealegsError, nearest
 from ...configs.check import checked
 from ...configs.compose import FOLDER
-from ...envs.described.robot_entries import ImuEntry
 from ...envs.engine.numbers import RobotError
 from ...envs.robots import get_robot
 from .assumed_limits import ASSUMED, assumed_limits
@@ -52,11 +51,7 @@ def own_robot(word: str) -> dict[str, Any]:
                 f"{path}: deploy.safety.{key} is unknown{hint}; there are {', '.join(config['safety'])}."
             )
     tables = _beside(path, given)
-    imu = robot.file.imu or {}
-    if imu:
-        spreads = {key: {**vars(getattr(robot.imu, key))} for key in ("noise", "bias")}
-        imu = {**vars(ImuEntry()), **imu, **spreads}  # each key may be another on the command line
-        imu = {key: list(value) if isinstance(value, tuple) else value for key, value in imu.items()}
+    imu = {} if robot.imu is None else dict(robot.imu.said)  # each key may be another on the command line
     return {
         **config,
         **given,
