@@ -1,6 +1,6 @@
 """The tables of the paper (paper 002) as printed, with what a damaged print leaves open filled in and said.
 
-- Table III prints the centre of link 1 at y = +0.043 m. Its own joint coordinates (tables V and VI) only meet at
+- Table III prints the centre of link 1 at y = +0.043 m. The points of joint 1 (tables V and VI) only meet at
   -0.043 m, which is also the side that table IX has it on; -0.043 m is taken.
 - Table VIII cuts the last product of rotor 1, -1.12E; the power of rotor 2's, -1.13E-5, is assumed.
 - Whether a product of inertia is the element of the tensor or its negative is not said; elements are assumed.

@@ -42,6 +42,7 @@ NOT_BUILT = (
     NotBuilt("4", "torques smoothed by polynomials", "their degree is not printed; degrees 5 to 11 stand as a "
              "sensitivity, and the torques are not smoothed"),
     NotBuilt("18 to 25", "curves", "the figures are not at hand: only what the text says of them is a row"),
+    NotBuilt("22a", "at a high c_r1 the trajectory is wavy around the others'", "no measure of it is printed"),
     NotBuilt("5.3", "experimental coordinates like the ideal arm's, with high deviation", "no measurement is printed"),
     NotBuilt("5.3", "the inverse model has several solutions", "it has one: the mass matrix of an arm is positive "
              "definite. What makes z fall stands in the rows"),

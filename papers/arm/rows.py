@@ -201,7 +201,14 @@ def stiffness_study_rows(results: Results) -> list[Row]:
     springs = [mark(SPRING, r.spring, level) for level in MARKS]
     figure = "the paper's figure is not at hand: these are for reading it"
     limit = 0.01 * min(STIFFNESS)
+    stiff, damped = float(r.spring[-1]), r.damping["joint1"][-1]
+    turns = [float(np.degrees(np.ptp(angles))) for angles in (damped.links[:, 0], Line().joints(damped.time)[0][:, 0])]
     return [
+        Row("a stiff spring makes rotor and link one", "2.1.3", "rigid", f"{stiff:.4f} mm at {SPRING[-1]:g} N.m/rad",
+            "predicted", agrees=stiff < MARKS[0], judged="the paper's own mark of 1 mm", rests=OPEN_LOOP),
+        Row("a high c_r holds its joint", "2.1.3", "no motion",
+            f"{turns[0]:.2f} of {turns[1]:.0f} deg at {DAMPINGS[-1]:g} N.m.s/rad", "predicted",
+            agrees=turns[0] < 0.01 * turns[1], judged="assumed: a hundredth", rests=(*OPEN_LOOP, "range of c_r")),
         Row("stator to rotor: stiffness at the 1 mm mark", "Fig. 18", "not printed", low, "predicted", "N.m/rad",
             rests=OPEN_LOOP, note=figure),
         Row("stator to rotor: 30 mm are passed at a very small stiffness", "5.1", "very small",
@@ -248,6 +255,10 @@ def damping_study_rows(results: Results) -> list[Row]:
             "; ".join(f"{low:g} and {high:g}" for low, high in pairs) or "none", "predicted",
             rests=(*OPEN_LOOP, "c_r beside"), agrees=None if pairs else False, judged="0.1 mm to both sides",
             note=f"of {', '.join(f'{value:g}' for value in BESIDE if value)} N.m.s/rad in joint 3 alone"),
+        Row("one coordinate deviates much and another little, by c_r3", "Fig. 23", "stated",
+            "; ".join(f"{value:g}: " + ", ".join(f"{mm:.0f}" for mm in by_axis(motion))
+                      for value, motion in r.crossing.items() if value >= BASES[0]), "predicted", "mm",
+            rests=(*OPEN_LOOP, "c_r beside"), note="largest deviation in x, y and z"),
     ]  # fmt: skip
     statements: tuple[tuple[str, str, str, Callable[[dict[float, Motion], float], bool]], ...] = (
         ("a low c_r is negligible beside the others", "22a to c", "negligible", _negligible),
@@ -269,6 +280,11 @@ def damping_study_rows(results: Results) -> list[Row]:
                 "; ".join(f"beside {base:g} best at {_best(r.changed['joint3'][base]):g}" for base in BASES))
     )  # fmt: skip
     return found
+
+
+def by_axis(motion: Motion) -> list[float]:
+    """Largest deviation of the tool in x, y and z [mm]."""
+    return [1e3 * float(value) for value in np.abs(motion.tool - motion.wanted).max(axis=0)]
 
 
 def _negligible(motions: dict[float, Motion], base: float) -> bool:
