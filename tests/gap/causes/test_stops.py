@@ -87,7 +87,7 @@ def test_a_stop_that_is_softer_than_assumed_is_no_compliance_of_the_joint() -> N
     (cause,) = found.causes
     angle, stiffness = cause.parameters["load.stop_angle"], cause.parameters["load.stop_stiffness"]
     assert angle.low <= 0.75 <= angle.high
-    # its interval, 155 to 164, leaves the truth out: at a wall, dry friction is as large as the bend of its law says
+    # its interval, 155 to 164, leaves the truth out: why is open
     assert stiffness.value == pytest.approx(150.0, rel=0.1)
 
 
