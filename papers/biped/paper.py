@@ -141,6 +141,11 @@ def hop(hops: int = HOPS, gait: Gait | None = None) -> tuple[Hopping, Hopping]:
     return before.then(after), rigid.run(SHOWN[1], seconds=3.0)
 
 
+def said(figures: Figures) -> str:
+    """How hopping went, in words."""
+    return f"{figures.hops} hops{', then a fall' if figures.fell else ''}"
+
+
 @dataclass(frozen=True)
 class Change:
     """One assumed number, another value, and what it does.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -19,6 +19,7 @@ from .ground import land
 from .hopping import Hopping
 from .identification import bias_by_arx
 from .legs_together import Together, both_segments, fit_both
+from .paper import NO_UPDATE, Change, said
 from .return_map import HOPS, OFF, Healing, healing, settled
 from .rig import drift_record, legs_record
 
@@ -26,6 +27,7 @@ PLANTED: Mark = "planted and recovered"
 INPUTS: Mark = "follows from the inputs"
 STIFFER = 100.0  # times the printed stiffness of the cables, which is rigid
 ARX: dict[str, Any] = {"judged": "assumed: 1 %, the encoder's noise", "rests": choices.RIG}
+OPEN = ("boom_length", "foot_radius", "gains K_d", "gains K_p", "torque limits", "lean eta_Tor0")
 LEANS = (math.radians(4.0),)  # of the torso, beside the one chosen: how far what hops hand on hangs on it
 
 
@@ -65,13 +67,13 @@ def soles_off(hopping: Hopping, clearance: float = 0.0) -> float:
 
 
 def validate(
-    stretched: Hopping, falls: str, rng: np.random.Generator, say: Callable[[str], None]
+    stretched: Hopping, changes: Sequence[Change], rng: np.random.Generator, say: Callable[[str], None]
 ) -> tuple[list[Row], dict[str, Any]]:
     """Rows, and what they rest on as JSON has it.
 
     Args:
         stretched: recording of the hops.
-        falls: what becomes of them without the update of the lean, started with the chosen one.
+        changes: what other values of assumed numbers do.
         rng: of encoders' noise.
         say: prints a line.
     """
@@ -85,9 +87,9 @@ def validate(
         *_inputs(),
         *_biases(biases),
         *leg_rows(together, {side: legs_together(side, rng, STIFFER).bias for side in SIDES}),
-        *heal_rows(heals, others, falls),
+        *heal_rows(heals, others, "; ".join(said(item.figures) for item in changes if item.name == NO_UPDATE)),
         _ground(),
-        *_way(stretched),
+        *_way(stretched, changes),
         _flight(stretched),
     ]
     document = {
@@ -249,7 +251,7 @@ def _ground() -> Row:
     )
 
 
-def _way(stretched: Hopping) -> list[Row]:
+def _way(stretched: Hopping, changes: Sequence[Change]) -> list[Row]:
     """How far a hop goes, how far the knees straighten and the cables stretch: what the search did not look at."""
     asked = 100.0 * Gait().travel * BIPED.parameters()["boom_length"]
     later = stretched.hop >= 1
@@ -261,6 +263,11 @@ def _way(stretched: Hopping) -> list[Row]:
             "way of a hop, backwards", "(46)", -asked, found, "predicted", "cm", 0.1, judged="assumed",
             note="delta_phi_d times the boom: the update (44) acts on the lean and does not reach it with these gains",
             rests=choices.HOPPING,
+            sensitivity=tuple(
+                Otherwise(f"{change.name} {change.value}", -100.0 * change.figures.travel)
+                for change in changes
+                if change.name in OPEN and not change.figures.fell
+            ),
         ),
         Row(
             "least leg shape, left and right; 0 is a straight knee", "I", "not below 0",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,15 @@ CHANGED: tuple[tuple[str, dict[str, float], dict[str, float]], ...] = (
     ("gain of the vertical motors doubled", {"vertical.position_pi.gain": 2500.0}, {}),
 )
 """Assumed numbers and other values of them: label, changes of the chains, changes of the robot."""
+_JOINT = friction_bench.planted({}, control=True)
+SCREW, MOTOR = _JOINT.value("gear.ratio"), _JOINT.value("dc_motor.motor_constant")
 WALKING_BREAKAWAY = friction_bench.planted({}, control=True).value("friction.stribeck")  # [N] over Coulomb
+GEARS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("screw gears times 0.7", {f"{kind}.gear.ratio": 0.7 * SCREW for kind in (VERTICAL, HORIZONTAL)}),
+    ("screw gears times 1.4", {f"{kind}.gear.ratio": 1.4 * SCREW for kind in (VERTICAL, HORIZONTAL)}),
+    ("motors with 0.8 of their constant", {f"{kind}.dc_motor.motor_constant": 0.8 * MOTOR for kind in KINDS}),
+)
+"""Assumed gears and motors: label, changes of the chains."""
 INPUTS: Mark = "follows from the inputs"
 
 
@@ -104,8 +113,13 @@ def run(seconds: float, say: Callable[[str], None]) -> Results:
             by_leg_walks[name] = Machine(name, by_leg()).walk(Tripod(), 1.0 + SETTLING)
     resistance = sweep(walks, say)
     say("walking faster")
-    fastest = max((speed for speed in FASTER if _within_supply(speed)), default=0.0)
+    fastest = _fastest({})
     others = changed(say)
+    others["fastest"] = tuple(Otherwise(label, 100.0 * _fastest(changes)) for label, changes in GEARS)
+    others["sinking"] = tuple(
+        Otherwise(label, f"{1e3 * stand_unpowered('none', 1.0, changes).sinking:.1f} mm in 1 s")
+        for label, changes in GEARS
+    )
     say("friction of six vertical joints from motor currents")
     return Results(
         seconds, penetration_on(3), standing, by_leg_standing, (closed, opened), walks, by_leg_walks, resistance,
@@ -113,8 +127,13 @@ def run(seconds: float, say: Callable[[str], None]) -> Results:
     )  # fmt: skip
 
 
-def _within_supply(speed: float) -> bool:
-    machine = Machine("LuGre")
+def _fastest(changes: Mapping[str, float]) -> float:
+    """The last of :data:`FASTER` before a motor asks for more than its supply [m/s]; 0: the first one does."""
+    return max(takewhile(lambda speed: _within_supply(speed, changes), FASTER), default=0.0)
+
+
+def _within_supply(speed: float, changes: Mapping[str, float]) -> bool:
+    machine = Machine("LuGre", changes)
     walk = machine.walk(Tripod(speed), 1.0 + SETTLING)
     volts = machine.drivetrain.chains[coordinate(0, VERTICAL)].value("supply.volts")
     return bool(np.abs(walk.voltage[walk.cycle(-1)]).max() < 0.999 * volts)
@@ -242,7 +261,7 @@ def standing_rows(found: Results) -> list[Row]:
         ),
         _said(
             "nor without friction", "6", f"{sinking['none']:.1f} mm {time}", sinking["none"] > enough, "predicted",
-            "assumed: over 1 mm/s", rests=(*choices.ROBOT, "motor"),
+            "assumed: over 1 mm/s", rests=(*choices.ROBOT, "motor"), sensitivity=found.others["sinking"],
         ),
         _said(
             "motors at 0 V brake the sinking by their back-EMF", "6",
@@ -326,23 +345,27 @@ def gait_rows(found: Results) -> list[Row]:
     better = {v: 1.0 - found.resistance[NO_LOAD][v] / found.resistance[LOAD][v] for v in over}
     spread = found.by_leg_walks["LuGre"].resistance() / found.by_leg_walks[NO_LOAD].resistance()
     vertical = sum(found.walks[NO_LOAD].shares()[VERTICAL]) / at[NO_LOAD]
-    still = {kind: slow(walk, kind) for kind in KINDS}
+    still, spread_still = ({kind: slow(of, kind) for kind in KINDS} for of in (walk, found.by_leg_walks["LuGre"]))
+    other = "friction by leg and direction"
     return [
         _said(
             "rotations and horizontal joints always move", "5.2",
             f"below 1e-4 for {still[ROTATION]:.1%} and {still[HORIZONTAL]:.1%} of a cycle",
             max(still[ROTATION], still[HORIZONTAL]) < 0.05, "predicted", "assumed: for less than 5 %",
             rests=choices.WALKS, note="rotations of the two legs that point along the way stand still",
+            sensitivity=(Otherwise(other, f"{spread_still[ROTATION]:.1%} and {spread_still[HORIZONTAL]:.1%}"),),
         ),
         _said(
             "vertical joints stand still in support", "5.2", f"below 1e-4 m/s for {still[VERTICAL]:.0%} of a cycle",
             still[VERTICAL] > 0.5, "predicted", "assumed: for more than half of a cycle; support is 58 %",
+            sensitivity=(Otherwise(other, f"{spread_still[VERTICAL]:.0%} of a cycle"),),
             rests=choices.WALKS,
         ),
         Row(
             "highest speed on flat ground", "2.1", 3.0, 100.0 * found.fastest, "predicted", "cm/s", ALIKE,
             judged="assumed: about is a tenth", rests=choices.WALKS,
-            note="the fastest of 3, 4, 5 and 6 cm/s at which no motor asks for more than its supply; gears are assumed",
+            note="the fastest of 3, 4, 5 and 6 cm/s at which no motor asks for more than its supply",
+            sensitivity=found.others["fastest"],
         ),
         Row(
             "specific resistance of LuGre over that of dry/viscous", "7.3", 1.0, over[worst], "predicted", "", ALIKE,

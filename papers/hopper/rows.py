@@ -76,31 +76,25 @@ class Blind:
     Attributes:
         hops: both cases.
         figures: of both.
-        nearly: with actuator, with the next best lengths, by their names.
-        servos: with another servo, by its name.
+        others: with actuator, with the next best lengths or another servo, by their names.
     """
 
     hops: Mapping[str, Hops]
     figures: Mapping[str, Figures]
-    nearly: Mapping[str, Figures]
-    servos: Mapping[str, Figures]
+    others: Mapping[str, Hops]
 
 
 def hop_blind(seconds: float) -> Blind:
     """Hop for so long [s] in each case."""
     own = lengths(choices.BLIND_LENGTHS)
     hops = {name: Legs(chain, params=own).hop(seconds) for name, chain in CHAINS.items()}
-    nearly = {
-        f"links of {pair[0]:g} and {pair[1]:g} m": measure(Legs(CHAINS[REAL], params=lengths(pair)).hop(seconds))
-        for pair in NEARLY
-    }
     servo = load_chain(CHAINS[REAL])
     others = {
-        "the constant of (3) as friction": constant_as_friction(servo),
-        "K_P = 55, as on the hardware": servo.with_value("position_p.gain", 55.0),
+        f"links of {pair[0]:g} and {pair[1]:g} m": Legs(servo, params=lengths(pair)).hop(seconds) for pair in NEARLY
     }
-    servos = {name: measure(Legs(chain, params=own).hop(seconds)) for name, chain in others.items()}
-    return Blind(hops, {name: measure(found) for name, found in hops.items()}, nearly, servos)
+    others["the constant of (3) as friction"] = Legs(constant_as_friction(servo), params=own).hop(seconds)
+    others["K_P = 55, as on the hardware"] = Legs(servo.with_value("position_p.gain", 55.0), params=own).hop(seconds)
+    return Blind(hops, {name: measure(found) for name, found in hops.items()}, others)
 
 
 def fitted_rows(figures: Mapping[str, Figures], blind: Mapping[str, Figures]) -> list[Row]:
@@ -122,7 +116,7 @@ def fitted_rows(figures: Mapping[str, Figures], blind: Mapping[str, Figures]) ->
 def predicted_rows(blind: Blind) -> list[Row]:
     """What the leg without actuator says about the one with it: nothing with a servo took part in the choice."""
     found, real, ideal = [], blind.figures[REAL], blind.figures[IDEAL]
-    others = {**blind.nearly, **blind.servos}
+    others = {name: measure(hops) for name, hops in blind.others.items()}
     for target, label in (("hardware", "of the hardware"), (REAL, f"{REAL}, lengths from the leg without")):
         for what, unit, factor in (("frequency", "Hz", 1.0), ("height", "cm", 100.0)):
             found.append(
@@ -141,11 +135,18 @@ def predicted_rows(blind: Blind) -> list[Row]:
         Row(
             "without actuator the leg flexes less", "IV-E", "less", f"{less:.2f} under {bent:.2f} rad", "predicted",
             agrees=less < bent, judged="less or not", rests=BLIND,
+            sensitivity=tuple(
+                Otherwise(name, f"{less:.2f} under {flexion(hops):.2f} rad") for name, hops in blind.others.items()
+            ),
         ),
         Row(
             "without actuator the signal comes earlier", "IV-E", "earlier",
             f"{early:.0f} ms after touchdown, with it {late:.0f}", "predicted",
             agrees=early < late, judged="earlier or not", rests=BLIND,
+            sensitivity=tuple(
+                Otherwise(name, f"{early:.0f} ms after touchdown, with it {1e3 * trigger(hops):.0f}")
+                for name, hops in blind.others.items()
+            ),
         ),
         Row(
             "without actuator the motor's speed has spikes", "IV-E", "stated", f"{spike:.0f} over {most:.1f} rad/s",
@@ -154,9 +155,9 @@ def predicted_rows(blind: Blind) -> list[Row]:
     ]  # fmt: skip
 
 
-def use_rows(cases: Mapping[str, Hops], figures: Mapping[str, Figures]) -> list[Row]:
+def use_rows(cases: Mapping[str, Hops], figures: Mapping[str, Figures], blind: Blind) -> list[Row]:
     """What else is said of hopping."""
-    real = cases[REAL]
+    real, others = cases[REAL], {"lengths from the leg without": blind.hops[REAL], **blind.others}
     slope, torque = creep(real), figures[REAL].torque
     spread = [value.regularity for value in figures.values()]
     return [
@@ -167,10 +168,12 @@ def use_rows(cases: Mapping[str, Hops], figures: Mapping[str, Figures]) -> list[
         Row(
             "hip motor stands in the flexion: a plateau", "IV-E", "stands", f"{slope:.2f} rad/s", "predicted",
             agrees=slope < STANDS, judged=f"assumed: under {STANDS:g} rad/s", rests=CHOSEN,
+            sensitivity=tuple(Otherwise(name, f"{creep(hops):.2f} rad/s") for name, hops in others.items()),
         ),
         Row(
             "torques of the use case, at most", "III-C", USED, torque, "predicted", "N.m", agrees=torque <= USED,
             judged="a bound", rests=CHOSEN, note="the landing drives the motor back at full duty",
+            sensitivity=tuple(Otherwise(name, measure(hops).torque) for name, hops in others.items()),
         ),
     ]  # fmt: skip
 
@@ -325,7 +328,7 @@ def rows(
         *bench_rows(),
         *fitted_rows(figures, blind.figures),
         *predicted_rows(blind),
-        *use_rows(cases, figures),
+        *use_rows(cases, figures, blind),
         *other_rows(figures[REAL], seconds),
         *cost_rows(speed),
     ]
