@@ -99,19 +99,18 @@ class Match:
         return tuple(found) if any(sign for _, sign in found) else None
 
 
-def match(pairs: Sequence[tuple[Array, Array, Array]], reach: float = REACH, about: float = 0.0) -> Match | None:
+def match(pairs: Sequence[tuple[Array, Array, Array]], least: float = -REACH, most: float = REACH) -> Match | None:
     """How well a turn rate follows from another, and by how much it is later.
 
     Args:
         pairs: of each run the times (n,) [s], the turn rate (n, 3), and the one that it may follow from (n, 3).
-        reach: furthest lag to either side of ``about`` [s].
-        about: [s].
+        least, most: between which the lag is sought [s].
 
     Returns:
-        None where there is no motion to tell by.
+        None where there is no motion to tell by, or the best lag is at an end.
     """
-    lags = about + np.arange(-reach, reach + 0.5 * SEARCH_STEP, SEARCH_STEP)
-    grams = np.concatenate([_grams(*pair, lags, reach + abs(about)) for pair in pairs], axis=1)
+    lags = np.arange(least, most + 0.5 * SEARCH_STEP, SEARCH_STEP)
+    grams = np.concatenate([_grams(*pair, lags, max(abs(least), abs(most))) for pair in pairs], axis=1)
     if grams.shape[1] == 0 or not np.isfinite(grams).all():
         return None
 
@@ -130,7 +129,7 @@ def match(pairs: Sequence[tuple[Array, Array, Array]], reach: float = REACH, abo
     first, both, second = gram[:3, :3], gram[:3, 3:], gram[3:, 3:]
     sizes = np.sqrt(np.outer(np.diag(first), np.diag(second)))
     total = float(np.trace(first))
-    if total <= 0.0 or np.trace(second) <= 0.0:
+    if total <= 0.0 or np.trace(second) <= 0.0 or not least + SEARCH_STEP < lag < most - SEARCH_STEP:
         return None
     random = np.random.default_rng(0)
     drawn = [best(random.integers(0, count, count))[0] for _ in range(DRAWS)] if count > 1 else [lag]

@@ -12,9 +12,7 @@ from ...envs.engine import turns
 from ...envs.engine.imu import Imu
 from ...envs.engine.robot import Robot
 from ..checks.imu import (
-    EXPLAINED,
     IMU,
-    LEAST_LAG,
     ImuLog,
     Match,
     check_imu,
@@ -35,9 +33,11 @@ from ..measure.measured import Measured
 from ..verdict.verdict import EXPLAINED as SAID
 from ..verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis, Reason, Verdict, data_errors
 
+EARLIEST = -0.03  # [s] of its lag behind the legs: joints are read late, too
 REACH = 0.12  # [s] by which an IMU is sought to be late beyond what is believed
+CARRIED = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
 SPREADS = 4.0  # standard deviations about an axis of the believed bias, from which a turn about any is worth a word
-LATER = 0.015  # [s] beyond the believed delay that is worth a word; feet and floor that are softer make as much
+LATER = 0.012  # [s] beyond the believed delay that is worth a word; feet and floor that are softer make as much
 BLOCK = 1.0  # [s] of the bootstrap
 DRAWS = 100
 
@@ -102,7 +102,9 @@ class Legs:
 
     def agreement(self) -> str:
         """How well it agrees, for a sentence."""
-        return f": {1e3 * self.rates.lag:.3g} ms late, turned by {np.degrees(np.linalg.norm(self.turned)):.2g} degrees"
+        rows = zip("xyz", np.degrees(self.turned), np.degrees(2.0 * self.spread), strict=True)
+        turned = ", ".join(f"{value:+.2g} (to {known:.2g}) about {axis}" for axis, value, known in rows)
+        return f": {1e3 * self.rates.lag:.3g} ms late, turned by {turned} [degrees]"
 
     def findings(self) -> list[Finding]:
         """What is wrong."""
@@ -122,12 +124,14 @@ class Legs:
                     value=self.rates.lag, low=self.rates.low, high=self.rates.high, cause="sensor.delay",
                 )
             )  # fmt: skip
-        size = float(np.linalg.norm(self.turned))
-        along = self.turned / max(size, 1e-12)
-        spread = float(np.sqrt((along**2 * self.spread**2).sum()))
-        if size > SPREADS * max(bias, 1e-3) and size > SPREADS * spread:
+        far = np.abs(self.turned) > SPREADS * np.maximum(max(bias, 1e-3), self.spread)
+        if far.any():
+            size = float(np.linalg.norm(self.turned[far]))
+            spread = float(np.sqrt((self.turned[far] ** 2 * self.spread[far] ** 2).sum())) / size
             parts = ", ".join(
-                f"{np.degrees(value):+.2g} about {axis}" for axis, value in zip("xyz", self.turned, strict=True)
+                f"{np.degrees(value):+.2g} about {axis}"
+                for axis, value, certain in zip("xyz", self.turned, far, strict=True)
+                if certain
             )
             found.append(
                 Finding(
@@ -143,7 +147,8 @@ class Legs:
 
 def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, Frame]) -> Legs | None:
     """The IMU beside what the legs ask of the base; None where they tell too little."""
-    pairs: list[tuple[ImuLog, Array, Array]] = []
+    pairs: list[_Beside] = []
+    delay, bias = _believed(runs[0], robot)
     for run in runs:
         log = imu_of(run)
         base = None if log is None else carried(robot, run, frames)
@@ -156,15 +161,18 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
         at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
         share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
         turn = turns.between(base.orientation[at - 1], base.orientation[at], share)
-        pairs.append((log, turn, rates_of_turns(log.time, turn)))
+        rate, seen = rates_of_turns(log.time, turn), smoothed(log)
+        alone = match([(log.time, seen, rate)], EARLIEST, delay + REACH)
+        if alone is not None and alone.explained > CARRIED:
+            left = float(np.std(seen)) * np.sqrt(max(1.0 - alone.explained, 1e-3))
+            pairs.append(_Beside(log, turn, seen / left, rate / left))
     if not pairs:
         return None
-    delay, bias = _believed(runs[0], robot)
-    found = match([(log.time, smoothed(log), rate) for log, _, rate in pairs], REACH, delay)
-    if found is None or found.explained < EXPLAINED or abs(found.lag - delay) > REACH - LEAST_LAG:
+    found = match([(one.log.time, one.rate, one.asked_rate) for one in pairs], EARLIEST, delay + REACH)
+    if found is None:
         return None
-    rows = [_rows(log, turn, rate, found.lag) for log, turn, rate in pairs]
-    return Legs(found, *_turn([block for run in rows for block in run]), (delay, bias))
+    blocks = [block for one in pairs for block in one.blocks(found.lag)]
+    return Legs(found, *_turn(blocks), (delay, bias))
 
 
 def _believed(run: MeasuredRun, robot: Robot) -> tuple[float, float]:
@@ -183,7 +191,7 @@ def _believed(run: MeasuredRun, robot: Robot) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Of a block of a run: what was measured and what the legs ask for, each (n, 3)."""
+    """Of a block of a run: what was measured and what the legs ask for, each (n, 3), in parts of what that leaves."""
 
     rate: Array
     asked_rate: Array
@@ -191,20 +199,36 @@ class _Rows:
     asked_down: Array
 
 
-def _rows(log: ImuLog, turn: Array, rate: Array, lag: float) -> list[_Rows]:
-    grid = log.time[(log.time - lag > log.time[0]) & (log.time - lag < log.time[-1])]
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A run of an IMU beside what the legs ask for.
 
-    def at(values: Array, time: Array) -> Array:
-        return np.stack([np.interp(time, log.time, column) for column in values.T], axis=1)
+    Attributes:
+        log: of the IMU.
+        asked: orientation of the base at its samples (n, 4).
+        rate, asked_rate: turn rates there (n, 3), in parts of what one leaves of the other: a run in which the robot
+            slips or trips tells less.
+    """
 
-    parts = (
-        at(smoothed(log), grid),
-        at(rate, grid - lag),
-        at(turns.projected_gravity(log.orientation), grid),
-        at(turns.projected_gravity(turn), grid - lag),
-    )
-    count = max(int((grid[-1] - grid[0]) / BLOCK), 1)
-    return [_Rows(*(part[rows] for part in parts)) for rows in np.array_split(np.arange(len(grid)), count)]
+    log: ImuLog
+    asked: Array
+    rate: Array
+    asked_rate: Array
+
+    def blocks(self, lag: float) -> list[_Rows]:
+        """The run in blocks, the IMU as much later than the legs."""
+        time = self.log.time
+        grid = time[(time - lag > time[0]) & (time - lag < time[-1])]
+
+        def at(values: Array, when: Array) -> Array:
+            return np.stack([np.interp(when, time, column) for column in values.T], axis=1)
+
+        down = at(turns.projected_gravity(self.log.orientation), grid)
+        asked = at(turns.projected_gravity(self.asked), grid - lag)
+        left = max(float(np.std(down - asked, axis=0).mean()), 1e-4)
+        parts = (at(self.rate, grid), at(self.asked_rate, grid - lag), down / left, asked / left)
+        count = max(int((grid[-1] - grid[0]) / BLOCK), 1)
+        return [_Rows(*(part[rows] for part in parts)) for rows in np.array_split(np.arange(len(grid)), count)]
 
 
 def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,14 @@ def test_a_robot_without_an_imu_is_refused_with_what_to_write(
     assert "imu: {rate: 100}" in said
 
 
+def test_a_policy_that_was_trained_before_the_robot_had_an_imu_runs_with_one(tmp_path: Path) -> None:
+    """A walking policy was refused: its tilt and turn rate had to come from encoders with ids of servos."""
+    bare = changed(tmp_path, imu=None)
+    trained = gentle_policy(tmp_path / "policy.onnx", STAND, robot=str(bare))
+    bare.unlink()
+    assert run(trained, tmp_path / "log", STEPPED, "duration=0.2") == 0
+
+
 def test_a_run_ends_where_the_imu_falls_silent(
     policy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
