@@ -81,16 +81,18 @@ def compose(
         script: name of the script and of its config file.
         pairs: what :func:`split` made of the command line.
         extra_keys: dotted keys that are accepted though no file lists them.
-        readers: by group, the config that the path of a user's own file stands for.
+        readers: by group, the config that the path of a user's own file stands for, or a word among a reader's ``names``.
 
     Raises:
         SealegsError: an unknown key or choice, or a value that cannot be read.
     """
     chosen = {key: _unquoted(value) for key, value in pairs.items() if key in groups(script)}
-    own = {group: choice for group, choice in chosen.items() if group in (readers or {}) and _is_path(choice)}
+    names = {group: getattr(reader, "names", ()) for group, reader in (readers or {}).items()}
+    own = {group: choice for group, choice in chosen.items() if group in names and _is_path(choice)}
+    own |= {group: choice for group, choice in chosen.items() if choice in names.get(group, ())}
     for group, choice in chosen.items():
         if choice not in choices(group) and group not in own:
-            known = choices(group)
+            known = [*choices(group), *names.get(group, ())]
             raise SealegsError(f"{group}={choice} is not known{nearest(choice, known)}: there are {', '.join(known)}.")
     try:
         with initialize_config_dir(str(FOLDER), version_base="1.3"):

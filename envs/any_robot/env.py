@@ -198,10 +198,11 @@ class WalkEnv(SingleEnv, task=WalkTask):
 
     ## Rewards
     The reward is the sum of these terms; `info` holds each, and the flags `net_out_of_range` and `unstable` (see
-    `HopperEnv`). $v$ is the velocity of the base in its heading's frame, $\omega_z$ its turn about the vertical.
+    `HopperEnv`). $v$ is the velocity of the base in its heading's frame, $\omega_z$ its turn about the vertical; a bar means
+    the mean of about the last 0.4 s, since a gait sways within each step.
 
-    - *reward_tracking*: $w_{tracking} \exp(-|v_{xy} - v_{cmd}|^2 / tolerance^2)$.
-    - *reward_turn*: $w_{turn} \exp(-(\omega_z - \omega_{cmd})^2 / tolerance_{turn}^2)$.
+    - *reward_tracking*: $w_{tracking} \exp(-|\bar v_{xy} - v_{cmd}|^2 / tolerance^2)$.
+    - *reward_turn*: $w_{turn} \exp(-(\bar\omega_z - \omega_{cmd})^2 / tolerance_{turn}^2)$.
     - *reward_upright*: $-w_{upright} \sin^2$ of the tilt of the base from the stance.
     - *reward_sway*: $-w_{sway} ((v_z / tolerance)^2 + (\omega_{xy} / tolerance_{turn})^2)$.
     - *reward_air_time*: for each foot that lands $w_{air\_time} (\min(t / T, 2) - 1)$, after $t$ in the air, $T$ being

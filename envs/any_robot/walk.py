@@ -181,9 +181,10 @@ class WalkTask(AnyRobotTask):
     def _simulated(self, motion: Motion, still: np.ndarray) -> dict[str, np.ndarray]:
         """Terms of what a machine does not measure."""
         m, stance, world = motion, self.stance, motion.world
-        velocity, turn, sway = self.velocity(m)
-        off = ((velocity[:, :2] - m.command[:, :2]) ** 2).sum(axis=1) / self.tolerance**2
-        astray = ((turn - m.command[:, 2]) / self.turn_tolerance) ** 2
+        velocity, _, sway = self.velocity(m)
+        mean = self.ahead(m, world.mean_velocity(stance.base))
+        off = ((mean[:, :2] - m.command[:, :2]) ** 2).sum(axis=1) / self.tolerance**2
+        astray = ((world.mean_turn_rate(stance.base)[:, 2] - m.command[:, 2]) / self.turn_tolerance) ** 2
         bounce = (velocity[:, 2] / self.tolerance) ** 2 + (sway / self.turn_tolerance) ** 2
         soles, speeds = self._soles(m)
         touching, landed = world.touching(stance.feet), world.landed(stance.feet)
@@ -205,17 +206,21 @@ class WalkTask(AnyRobotTask):
 
     def velocity(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of the base: forward, sideways and up (n, 3) [m/s], turn (n,) [rad/s], and other turning (n,) [rad/s]."""
-        stance, rate, gravity = self.stance, self._turn_rate(motion), self._gravity(motion)
-        w, x, y, z = (motion.qpos[:, stance.qpos + 3 + k] for k in range(4))
-        first, second, third = stance.forward
+        at, rate, gravity = self.stance.dof, self._turn_rate(motion), self._gravity(motion)
+        turn = -(rate * gravity).sum(axis=1)
+        other = np.sqrt(np.maximum((rate**2).sum(axis=1) - turn**2, 0.0))
+        return self.ahead(motion, motion.qvel[:, at : at + 3]), turn, other
+
+    def ahead(self, motion: Motion, velocity: np.ndarray) -> np.ndarray:
+        """A velocity in the world (n, 3) as forward, sideways and up."""
+        w, x, y, z = (motion.qpos[:, self.stance.qpos + 3 + k] for k in range(4))
+        first, second, third = self.stance.forward
         ahead = (1.0 - 2.0 * (y * y + z * z)) * first + 2.0 * (x * y - w * z) * second + 2.0 * (x * z + w * y) * third
         aside = 2.0 * (x * y + w * z) * first + (1.0 - 2.0 * (x * x + z * z)) * second + 2.0 * (y * z - w * x) * third
         length = np.maximum(np.hypot(ahead, aside), 1e-9)
         ahead, aside = ahead / length, aside / length
-        along, across, up = (motion.qvel[:, stance.dof + k] for k in range(3))
-        turn = -(rate * gravity).sum(axis=1)
-        other = np.sqrt(np.maximum((rate**2).sum(axis=1) - turn**2, 0.0))
-        return np.stack([along * ahead + across * aside, across * ahead - along * aside, up], axis=1), turn, other
+        along, across, up = velocity.T
+        return np.stack([along * ahead + across * aside, across * ahead - along * aside, up], axis=1)
 
     def _soles(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Height (n, f) [m] and horizontal speed (n, f) [m/s] of the soles."""

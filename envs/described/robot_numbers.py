@@ -30,7 +30,7 @@ def model_numbers(model: ModelFile, joints: Sequence[str], timestep: float) -> d
     """
     source = model.path.name
     numbers = {
-        "timestep": Number(timestep, "s", "assumed: see the robot's file", 1e-5, 0.05),
+        "timestep": Number(timestep, "s", "assumed: see the robot's file", 1e-5, 0.05, numerical=True),
         "tilt_x": Number(0.0, "rad", "assumed: the base stands level", -math.pi, math.pi, neutral=True),
         "tilt_y": Number(0.0, "rad", "assumed: the base stands level", -math.pi, math.pi, neutral=True),
     }

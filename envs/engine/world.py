@@ -21,6 +21,7 @@ from .robot import Robot
 
 TOUCH = {"ground": "world", "contacts": ""}
 """Words of ``sees`` that count contacts: with what does not move, or with anything."""
+AVERAGED = 0.4  # [s] of mean speeds: about a step of a small robot; assumed
 SEES = (*TOUCH, "bodies", "sites", "sensors")
 """Words of ``sees``."""
 _FIELDS = {"bodies": ("xpos", "xmat", "cvel", "subtree_com"), "sites": ("site_xpos", "site_xmat"), "sensors": ()}
@@ -84,6 +85,7 @@ class World:
         self._touch = {word: _Touch(model, word) for word in TOUCH if word in sees}
         self._air = {word: np.zeros((batch.nsim, len(touch.names))) for word, touch in self._touch.items()}
         self._landed = {word: np.zeros_like(air) for word, air in self._air.items()}
+        self._mean = np.zeros((batch.nsim, model.nbody, 6))
 
     # --- contacts ----------------------------------------------------------------------------------------------
 
@@ -129,6 +131,14 @@ class World:
         """Of a body about the world's axes (n, 3) [rad/s]."""
         return self._field("bodies", "cvel")[:, self._body(body), :3]
 
+    def mean_velocity(self, body: str) -> np.ndarray:
+        """Of the body's origin over about the last :data:`AVERAGED` of the episode, in the world (n, 3) [m/s]."""
+        return self._mean[:, self._body(body), 3:]
+
+    def mean_turn_rate(self, body: str) -> np.ndarray:
+        """Of a body about the world's axes, likewise (n, 3) [rad/s]."""
+        return self._mean[:, self._body(body), :3]
+
     def site_position(self, site: str) -> np.ndarray:
         """In the world (n, 3) [m]."""
         return self._field("sites", "site_xpos")[:, self._number("site", site)]
@@ -152,12 +162,18 @@ class World:
             touching = touch.found(self._sensors) > 0.0
             self._landed[word] = np.where(touching, self._air[word], 0.0)
             self._air[word] = np.where(touching, 0.0, self._air[word] + dt)
+        if "bodies" in self._sees:
+            turn, linear = self._bound["cvel"][..., :3], self._bound["cvel"][..., 3:]
+            centres = self._bound["subtree_com"][:, self._model.body_rootid]
+            now = np.concatenate([turn, linear + np.cross(turn, self._bound["xpos"] - centres)], axis=-1)
+            self._mean = self._mean + (now - self._mean) * min(dt / AVERAGED, 1.0)
 
     def start(self, chosen: np.ndarray) -> None:
         """Episodes start in the simulations ``chosen``."""
         for word, air in self._air.items():
             air[chosen] = 0.0
             self._landed[word][chosen] = 0.0
+        self._mean[chosen] = 0.0
 
     def _field(self, word: str, name: str) -> np.ndarray:
         if word not in self._sees:

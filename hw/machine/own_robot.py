@@ -11,7 +11,7 @@ from ...common.errors import SealegsError, nearest
 from ...configs.check import checked
 from ...configs.compose import FOLDER
 from ...envs.engine.numbers import RobotError
-from ...envs.robots import get_robot
+from ...envs.robots import COLLECTION, get_robot
 from .assumed_limits import ASSUMED, assumed_limits
 
 DEFAULTS = "bench"
@@ -24,7 +24,7 @@ def own_robot(word: str) -> dict[str, Any]:
     Raises:
         SealegsError: the file is wrong, or has an unknown key under ``deploy``.
     """
-    path = Path(word).absolute()
+    path = COLLECTION.get(word, Path(word)).absolute()
     robot = get_robot(path)
     if robot.file is None:
         raise RobotError(f"robot={word} is no file of a robot.")
@@ -77,5 +77,14 @@ def _beside(path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
     return {**found, "buses": {name: told(row) for name, row in buses.items()}} if isinstance(buses, Mapping) else found
 
 
-READERS = {"robot": own_robot}
+class _OwnRobots:
+    """What reads them, and the names of ours that files alone describe."""
+
+    names = tuple(COLLECTION)
+
+    def __call__(self, word: str) -> dict[str, Any]:
+        return own_robot(word)
+
+
+READERS = {"robot": _OwnRobots()}
 """For :func:`sealegs.configs.compose.compose`, where a config chooses a robot."""
