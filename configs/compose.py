@@ -81,7 +81,7 @@ def compose(
         script: name of the script and of its config file.
         pairs: what :func:`split` made of the command line.
         extra_keys: dotted keys that are accepted though no file lists them.
-        readers: by group, the config that the path of a user's own file stands for, or a word among a reader's ``names``.
+        readers: by group, the config that a user's own file stands for, or a word among a reader's ``names``.
 
     Raises:
         SealegsError: an unknown key or choice, or a value that cannot be read.
