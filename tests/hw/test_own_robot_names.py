@@ -175,3 +175,10 @@ def test_a_dry_run_names_the_unit_of_each_joint(tmp_path: Path, capsys: pytest.C
     deploy.main([f"robot={robot}", "excitation=steps", "dry_run=true", *STEPPED])
     head = capsys.readouterr().out.splitlines()[1]
     assert head.split() == ["time", "[s]", "rail", "[m]", "arm", "[rad]"]
+
+
+def test_a_robot_of_ours_that_files_alone_describe_is_known_by_its_name() -> None:
+    config = compose("deploy", {"robot": "quadruped"}, readers=READERS)["robot"]
+    assert config["name"].endswith("quadruped.yaml") and config["imu"]["site"] == "imu"
+    with pytest.raises(SealegsError, match=r"robot=quadrupd is not known .did you mean 'quadruped'"):
+        compose("deploy", {"robot": "quadrupd"}, readers=READERS)
