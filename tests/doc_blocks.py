@@ -18,6 +18,7 @@ from typing import Any
 import yaml
 from sealegs.commands import cli, new_robot
 from sealegs.configs.compose import compose, split
+from sealegs.hw.machine.own_robot import READERS
 
 from tests.doc_machines import Machines, machines
 
@@ -26,7 +27,17 @@ FENCE = re.compile(r'^( *)```(\w*)(?: title="([^"]+)")?\n(.*?)^ *```$', re.MULTI
 SHOWN = {"text", "csv", "json"}
 """Languages of blocks that nobody types."""
 
-ANY_FILE = {"robot": lambda _: compose("deploy", {})["robot"], "env": lambda _: compose("train", {})["env"]}
+
+class AnyRobot:
+    """A robot of the reader's own, or of ours that files alone describe, where a command is only checked."""
+
+    names = READERS["robot"].names
+
+    def __call__(self, word: str) -> dict[str, Any]:
+        return compose("deploy", {})["robot"]
+
+
+ANY_FILE = {"robot": AnyRobot(), "env": lambda _: compose("train", {})["env"]}
 """What a robot or a task of the reader's own is taken for where a command is only checked."""
 STEPPED = "hw.virtual.time=stepped hw.timeout=1 silence=20 live=false robot.safety.late=5 robot.safety.silent=1"
 SMALLER = {
