@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from ..envs.engine.sb3 import BatchVecEnv
 from .make_env import Actuator, make_vec_env
 from .policy_files import load_policy, trained_env
 
@@ -24,12 +26,23 @@ def mean_reward(
     """
     act, description = load_policy(policy, trust)
     env = make_vec_env(trained_env(description, policy, task), actuator, episodes, seed)
-    observation, rewards = env.reset(), np.full(episodes, np.nan)
+    rewards = episode_rewards(act, env)
+    env.close()
+    return float(np.mean(rewards))
+
+
+def episode_rewards(act: Callable[[np.ndarray], np.ndarray], env: BatchVecEnv) -> np.ndarray:
+    """Reward of the first episode of each simulation (n,).
+
+    Args:
+        act: from observations (n, size) to actions (n, k).
+        env: seeded, to be started anew.
+    """
+    observation, rewards = env.reset(), np.full(env.num_envs, np.nan)
     while np.isnan(rewards).any():
         env.step_async(act(observation))
         observation, _, done, infos = env.step_wait()
         assert isinstance(observation, np.ndarray)
         for number in np.flatnonzero(done & np.isnan(rewards)):
             rewards[number] = infos[number]["episode"]["r"]
-    env.close()
-    return float(np.mean(rewards))
+    return rewards
