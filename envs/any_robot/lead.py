@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -41,4 +42,5 @@ def measured_lead(
         error = (link - wanted) / half
         return float(((error - error.mean(axis=0)) ** 2).sum())  # where gravity holds a joint is not a time
 
-    return round(float(minimize_scalar(squares, bounds=(0.0, LONGEST), method="bounded").x), 4)
+    found: Any = minimize_scalar(squares, bounds=(0.0, LONGEST), method="bounded")
+    return round(float(found.x), 4)

@@ -122,9 +122,18 @@ def run(seconds: float, say: Callable[[str], None]) -> Results:
     )
     say("friction of six vertical joints from motor currents")
     return Results(
-        seconds, penetration_on(3), standing, by_leg_standing, (closed, opened), walks, by_leg_walks, resistance,
-        fastest, others, friction_bench.identify(),
-    )  # fmt: skip
+        seconds,
+        depth=penetration_on(3),
+        standing=standing,
+        by_leg_standing=by_leg_standing,
+        coasting=(closed, opened),
+        walks=walks,
+        by_leg_walks=by_leg_walks,
+        resistance=resistance,
+        fastest=fastest,
+        others=others,
+        identified=friction_bench.identify(),
+    )
 
 
 def _fastest(changes: Mapping[str, float]) -> float:
