@@ -150,7 +150,7 @@ def table(rows: Mapping[str, Mapping[str, list[float] | None]]) -> str:
                 cells.append("")
                 continue
             share, half = loss(alone, hit)
-            said = f"{100 * share:.0f} % (+-{100 * half:.0f})"
+            said = f"{round(100 * share)} % (+-{round(100 * half)})"
             cells.append(f"**{said}**" if share - half > MATTERS else said)
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"

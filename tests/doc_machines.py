@@ -7,6 +7,7 @@ import functools
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,7 @@ DYNAMIXEL = {
 }
 MOVES = ((0.0,), (0.5,), (-0.8, 0.8))
 """What a calibration of the bench asks for: hanging, to its positive side, from stop to stop [rad]."""
+PASSING = 0.1  # [s] of a stepped bus that nobody asks
 SERVER = "import sys; from sealegs.commands.cli import main; sys.exit(main())"
 
 
@@ -72,6 +74,9 @@ class Machines:
             return cli.main([word, *arguments])
         virtual = self._bus("xl330" if any("xl330" in item for item in arguments) else "sts3215")
         arguments = [f"port={virtual.port}" if item == PORT else item for item in arguments]
+        if word == "scan":
+            with passing(virtual):
+                return cli.main([word, *arguments])
         if word != "calibrate":
             return cli.main([word, *arguments])
         moves = [*MOVES]
@@ -94,6 +99,24 @@ class Machines:
             keys: dict[str, Any] = DYNAMIXEL if servo == "xl330" else {}
             self.buses[servo] = self.stack.enter_context(VirtualBus(time="stepped", cycle=0.0, **keys))
         return self.buses[servo]
+
+
+@contextlib.contextmanager
+def passing(virtual: VirtualBus) -> Iterator[None]:
+    """Time passes on a stepped bus while nobody asks it: a servo that restarts is silent for a while."""
+    ended = threading.Event()
+
+    def steps() -> None:
+        while not ended.wait(PASSING):
+            virtual.advance(PASSING)
+
+    thread = threading.Thread(target=steps)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def _interrupted(server: subprocess.Popen[str]) -> None:
