@@ -236,11 +236,13 @@ class Leg:
         friction: [N.m.s/rad].
         bias: in commanded torque [N.m].
         residual: of the positions, rms [rad at the motor].
+        spread: of the recorded positions about their mean, rms [rad at the motor].
     """
 
     friction: float
     bias: float
     residual: float
+    spread: float
 
 
 def fit_leg(record: Record, load: Load, ratio: float, motor_constant: float, motor_inertia: float) -> Leg:
@@ -276,7 +278,7 @@ def fit_leg(record: Record, load: Load, ratio: float, motor_constant: float, mot
         diff_step=1e-4,
     )
     friction, bias, _ = fit.x
-    return Leg(float(friction), float(bias), float(np.sqrt(np.mean(fit.fun**2))))
+    return Leg(float(friction), float(bias), float(np.sqrt(np.mean(fit.fun**2))), float(record.position.std()))
 
 
 @numba.njit(cache=True)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
+from ...actuators.gravity import GRAVITY
 from ...envs.hopper.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
+from .paper import PRINTED
 
 HOPS = "regular hopping in both cases"
 FITTED = tuple(f"{what} {case}" for case in ("with actuator", "without actuator") for what in ("frequency", "height"))
 BLIND_FITTED = tuple(f"{what} without actuator, lengths from it" for what in ("frequency", "height"))
+POINTS = "points that are left of the protocol"
 LINE = ("torque per PWM of a motor's bench", "torque per rpm of a motor's bench")
 
 LENGTHS = ("upper_length", "lower_length")
@@ -16,6 +21,8 @@ MODEL = ("upper_centre", "lower_centre", "foot_radius", "contact_time", "signal"
 """Names of chosen numbers that all hopping rests on, beside the lengths of the links."""
 BLIND_LENGTHS = (0.100, 0.084)  # [m] upper and lower link: of the search, best on the figures without actuator
 
+_AIR = 2.0 * math.sqrt(2.0 * PRINTED["hardware"].height / GRAVITY)  # [s] up by the printed height and down again
+_PERIOD = 1.0 / PRINTED["hardware"].frequency  # [s]
 _SEARCH = "search in benchmarks/results/hopper_open_parameters.md"
 PAPER = Paper(
     "paper 004",
@@ -29,12 +36,22 @@ PAPER = Paper(
         "gain_unit": Choice("K_P = 75 as duty per radian", "as percent per radian the leg sags to the floor", (HOPS,)),
         "height_of_a_jump": Choice(
             "way of the hip from its lowest to its highest point",
-            "from standing, the hardware's 10 cm would take 0.29 s of flight, and its whole period is 0.34 s",
+            f"from standing, the hardware's 10 cm would take {_AIR:.2f} s of flight, "
+            f"and its whole period is {_PERIOD:.2f} s",
         ),
         "bench_motor": Choice(
             "the motor in configs/actuator/sv1270tg_motor.yaml", "near the first two coefficients of (3)", LINE
         ),
         "bench_noise": Choice("normal, 5 N.mm and 0.02 rad/s", "0.1 % of the transducer's range; plausible"),
+        "spurious": Choice(
+            "no measurement of (3)'s bench is wrong altogether; 1 % of the motor's bench, by 0.3 N.m",
+            "not printed; with 1 % too many points remain", (POINTS,),
+        ),
+        "constant_on_the_bench": Choice(
+            "the constant of (3) as friction, against the motion in both directions",
+            "of two readings, the one that leaves about as many points as the paper has", (POINTS,),
+        ),
+        "parts_of_the_bench": Choice("high is from PWM 0.6 on, low up to 3 rad/s", "plausible"),
     },
     (
         NotBuilt("III-B, Fig. 4", "speed over torque at each PWM and temperature", "its points are not at hand"),
@@ -45,6 +62,9 @@ PAPER = Paper(
         NotBuilt(
             "IV-E", "without actuator the leg does not swing realistically in flight", "said of a curve of Fig. 7 alone"
         ),
+        NotBuilt("III-C, V-B", "more complex fits match the bench better", "the bench's points are not at hand"),
+        NotBuilt("V-B", "they improve the simulation further", "likewise"),
+        NotBuilt("V-A", "the hip is overloaded", "its largest permitted torque is not printed"),
         NotBuilt("V-A", "control parameters do not suit the leg without actuator", "no others are printed"),
     ),
 )  # fmt: skip

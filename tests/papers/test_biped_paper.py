@@ -369,7 +369,7 @@ def canned(name: str, *_: object) -> paper.Identified:
         for inertia, friction in zip(drive.lumped_inertia, drive.lumped_friction, strict=True)
     )
     cable = Cable(1.1 * drive.cable_stiffness, drive.cable_damping)
-    leg = Leg(drive.leg_friction, drive.leg_bias, 0.0)
+    leg = Leg(drive.leg_friction, drive.leg_bias, 0.0, 1.0)
     stiff = replace(leg, bias=0.5 * leg.bias)
     return paper.Identified(pulleys, Motor(drive.motor_constant, drive.inertia_factor), leg, stiff, cable)
 
@@ -415,6 +415,17 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
 def test_controllers_tuned_on_rigid_cables_are_drawn_by_the_search() -> None:
     assert set(choices.TUNED_ON_RIGID) <= set(tune_on_rigid.drawn())
     assert all(gait.torso_gain == 0.0 for gait in choices.TUNED_ON_RIGID), "the update came later"
+
+
+def test_only_runs_that_end_count_as_hops_before_the_end() -> None:
+    def ran(hops: int, fell: bool) -> paper.Figures:
+        return paper.Figures(hops, fell, 0.7, 0.01, 0.3, -0.1)
+
+    runs = [ran(5, True), ran(3, False), ran(7, True), ran(43, False), ran(44, False)]
+    rigid = [paper.Change(paper.ON_RIGID, cables, ran(40, False)) for cables in (paper.TUNED, paper.RIGID)]
+    rows = report.rigid_rows([*rigid, *(paper.Change(paper.ON_RIGID, paper.STRETCHING, run) for run in runs)])
+    assert rows[-1].ours == 5.0, "of 5, 3 and 7 hops; 43 and 44 go on"
+    assert "2 of 5 do not end" in rows[-1].note
 
 
 def test_friction_with_the_legs_on_tells_the_order_of_the_motor_constants() -> None:

@@ -113,7 +113,9 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
     assert marks["frequency with actuator"] == marks["height with actuator"] == "fitted"
     decides = [row["name"] for row in written["rows"] if row["decides"]]
     assert "frequency of the hardware" in decides, "which ideal motors miss"
-    assert "points that are left of the protocol" in decides, "which the constant of (3) in one direction misses"
+    assert marks["points that are left of the protocol"] == "fitted", "one of two readings, chosen"
+    judged = {row["name"]: row["holds"] for row in written["rows"]}
+    assert judged["four legs with actuators over real time"] is None, "it measures the computer"
     assert written["chosen"]["upper_length"]["value"] == "0.108 m" and written["not_built"]
     assert set(written["real_time_factor"]["with actuator"]) == {"1", "4"}
     assert (out / "time.png").stat().st_size > 10_000
