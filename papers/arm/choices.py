@@ -5,11 +5,23 @@ from __future__ import annotations
 from ...envs.arm.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
 from .paper import BASES, BESIDE, DAMPINGS
+from .readings import PLAIN, readings
 
 INERTIA = ("products", "rotor1_iyz")
 OPEN_LOOP = (*INERTIA, "way")
 """What every motion of the arm of table VIII rests on."""
 TOOTH = tuple(f"gear {number}: k" for number in (1, 2, 3, 4))
+
+
+def chosen(name: str) -> str:
+    """A reading of the final model as the list of chosen numbers has it."""
+    return f"reading {name}"
+
+
+def opposite_way(name: str) -> str:
+    """The row that says whether z goes the opposite way under a reading."""
+    return f"the tool's z goes the opposite way: {name}"
+
 
 CHOICES = {
     **assumed({name: number for name, number in NUMBERS.items() if name in INERTIA}),
@@ -30,6 +42,10 @@ CHOICES = {
         f"{BASES[0]:g} to {BASES[-1]:g} beside {BESIDE[1]:g} to {BESIDE[-1]:g} N.m.s/rad", "likewise"
     ),
     "softest real joint": Choice("a hundredth of 67 N.m/rad", "below any spring of table X"),
+    **{
+        chosen(name): Choice(reading.text, "collected to explain that z falls", (opposite_way(name),))
+        for name, reading in readings().items() if name != PLAIN
+    },
 }  # fmt: skip
 
 NOT_BUILT = (
@@ -41,6 +57,8 @@ NOT_BUILT = (
              "instead: the same motion without drift, and no result of the paper is about the multipliers"),
     NotBuilt("4", "torques smoothed by polynomials", "their degree is not printed; degrees 5 to 11 stand as a "
              "sensitivity, and the torques are not smoothed"),
+    NotBuilt("(12)", "the second model: torques Gamma - c_r q' in place of dampers", "the damper between stator and "
+             "rotor is that term, so that both are one model here and no figure could differ"),
     NotBuilt("18 to 25", "curves", "the figures are not at hand: only what the text says of them is a row"),
     NotBuilt("22a", "at a high c_r1 the trajectory is wavy around the others'", "no measure of it is printed"),
     NotBuilt("5.3", "experimental coordinates like the ideal arm's, with high deviation", "no measurement is printed"),

@@ -10,7 +10,7 @@ from ...envs.hexapod.gait import Tripod
 from ...envs.hexapod.parameters import NUMBERS
 from ...envs.hexapod.robot import HORIZONTAL, ROTATION, VERTICAL, chains_of, coordinate
 from ..published import Choice, NotBuilt, Paper, assumed
-from .friction_bench import LEG_WEIGHT, SPEEDS
+from .friction_bench import LEG_WEIGHT, SPEEDS, SPREAD
 from .paper import BREAKAWAY_AT_REST
 
 ALTITUDE, DRY_SINKS = "motors at 0 V: altitude constant with LuGre", "not with dry/viscous"
@@ -19,6 +19,9 @@ NO_CURRENT, REGULATION = "no vertical current in support with LuGre", "but with 
 BREAKS_LOOSE = "slight current as the load on leg 0 grows"
 HORIZONTAL_CURRENT = "load dependence raises the horizontal current in support"
 BETTER = "better without load dependence"
+STILL = "vertical joints stand still in support"
+OVERCOME = "10 kg overcome joints 1 and 3, which have the breakaway force under 5 kg"
+SLIP = "slip of the feet is negligible"
 
 ROBOT = tuple(name for name, number in NUMBERS.items() if number.assumed)
 MOTORS = ("motor", "controllers", "vertical_coulomb", "vertical_viscous", "horizontal_coulomb", "rotation_friction")
@@ -40,7 +43,7 @@ def _choices() -> dict[str, Choice]:
     load_terms = [_value(HORIZONTAL, f"friction.{key}", load) for key in ("load", "load_quadratic")]
     rotation = [_value(ROTATION, f"friction.{key}", lugre) for key in ("coulomb", "viscous")]
     return {
-        **assumed(NUMBERS),
+        **assumed(NUMBERS, slip_speed=(SLIP,)),
         "motor": Choice(
             f"{motor[0]} N.m/A, {motor[1]} ohm, {motor[2]} H, 24 V",
             "data sheet of the RE35 as remembered, with 0.2 ohm of driver",
@@ -57,11 +60,12 @@ def _choices() -> dict[str, Choice]:
         "horizontal_coulomb": Choice(f"{_value(HORIZONTAL, 'friction.coulomb', lugre)} N", missing),
         "rotation_friction": Choice(f"{rotation[0]} N.m, {rotation[1]} N.m.s/rad", missing),
         "breakaway_at_rest": Choice(
-            f"{BREAKAWAY_AT_REST:g} N over Coulomb", "holds the robot on six legs", (ALTITUDE, BALANCE)
+            f"{BREAKAWAY_AT_REST:g} N over Coulomb", "holds the robot on six legs: 5 kg a foot, not 10",
+            (ALTITUDE, BALANCE, OVERCOME),
         ),
         "breakaway_walking": Choice(
             f"{_value(VERTICAL, 'friction.stribeck', lugre)} N over Coulomb",
-            "holds it on three, but for a moment", (NO_CURRENT, BREAKS_LOOSE),
+            "holds it on three, but for a moment", (NO_CURRENT, BREAKS_LOOSE, STILL),
         ),
         "horizontal_load": Choice(
             f"{load_terms[0]} N/N, {load_terms[1]} N/N2", "for the printed 35 %", (BETTER, HORIZONTAL_CURRENT)
@@ -73,7 +77,9 @@ def _choices() -> dict[str, Choice]:
         "bench": Choice(
             f"{LEG_WEIGHT:g} N of the leg at the joint, {', '.join(f'{1e3 * v:g}' for v in SPEEDS)} mm/s", "plausible"
         ),
-        "spread_by_leg": Choice("20 % by leg and direction, drawn", "plausible; tables 4 to 9 are missing"),
+        "spread_by_leg": Choice(
+            f"{100 * SPREAD:g} % by leg and direction, drawn", "plausible; tables 4 to 9 are missing"
+        ),
     }  # fmt: skip
 
 

@@ -29,6 +29,7 @@ SETTLING, MEASURED = 0.5, 1.0  # [s] at each speed
 MOVED = 2e-5  # [m] by which a joint has broken away: bristles give way by less than 1e-6
 LONGEST = 60.0  # [s] of a ramp
 SOFT = 1e-4  # duty per metre of a loop so weak that its goal is a voltage
+SPREAD = 0.2  # of friction by leg and direction, relative, assumed
 LEG_WEIGHT = 25.0  # [N] Q_leg at the joint, of the leg's own parts, assumed
 
 
@@ -163,11 +164,11 @@ def of_leg(leg: int, seed: int = 1) -> dict[str, float]:
     """
     own = chains_of("amru5_lugre")[coordinate(0, VERTICAL)]
     draw = np.random.default_rng([seed, leg]).uniform(-1.0, 1.0, 3)
-    dry = own.value("friction.coulomb") * (1.0 + 0.2 * draw[0])
+    dry = own.value("friction.coulomb") * (1.0 + SPREAD * draw[0])
     return {
         "coulomb": dry,
-        "stribeck": own.value("friction.stribeck") * (1.0 + 0.2 * draw[1]),
-        "asymmetry": 0.2 * dry * draw[2],
+        "stribeck": own.value("friction.stribeck") * (1.0 + SPREAD * draw[1]),
+        "asymmetry": SPREAD * dry * draw[2],
     }
 
 

@@ -80,7 +80,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
     result = {
         **PAPER.document(rows),
         "tables": {name: "\n".join(text).rstrip() for name, text in tables.items()},
-        "figures": {"ideal": tracking[IDEAL]["rms"] / tracking[PID]["rms"]},
+        "figures": {"ideal": tracking[IDEAL]["rms"] / tracking[PID]["rms"], "beyond": tracking[PID]["beyond"]},
         "sweep": [asdict(sweep) for sweep in sweeps],
         "worst_by_seed": {f"{speed:g}": worst for speed, worst in by_seed.items()},
         "shares_of_the_motor_torque": {f"{speed:g}": shares(items) for speed, items in found.items()},

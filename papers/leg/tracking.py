@@ -41,9 +41,13 @@ def within_supply(analysis: Analysis, commands: np.ndarray) -> np.ndarray:
 
 
 def figures(off: np.ndarray, able: np.ndarray) -> dict[str, float]:
-    """Errors (samples, n) [m] as ``rms`` and ``largest``, of the paths that the supply can follow and of all."""
+    """Errors (samples, n) [m] as ``rms`` and ``largest``, of the paths that the supply can follow and of all.
+
+    ``beyond`` is how many paths it cannot follow.
+    """
     kept = off[:, able]
-    return {"rms": rms(kept), "largest": float(kept.max()), "rms_all": rms(off), "largest_all": float(off.max())}
+    of_all = {"rms_all": rms(off), "largest_all": float(off.max())}
+    return {"rms": rms(kept), "largest": float(kept.max()), **of_all, "beyond": float((~able).sum())}
 
 
 def controllers(analysis: Analysis, seconds: float) -> dict[str, dict[str, float]]:
@@ -86,13 +90,16 @@ def control_rows(tracking: Mapping[str, Mapping[str, float]]) -> list[Row]:
     slick = error[SLICK + WITHOUT] / min(error[SLICK + WITHOUT], error[SLICK + PD])
     loss = error[WITH] / error[WHOLE]
     every = tracking[WITHOUT]["rms_all"] / tracking[WITH]["rms_all"]
+    beyond = tracking[WITHOUT]["beyond"]
     known = "the model that compensates is the one that moves: a machine's friction is known less well"
     return [
         Row(
             "leaving friction out yields significant errors in control", "4.3.2", "yes",
             f"{times:.0f} times the error", "predicted", agrees=times > SIGNIFICANT,
             judged="assumed: twice the error", rests=CONTROL, note=known,
-            sensitivity=(Otherwise("all 64 paths, one of which needs more than 24 V", f"{every:.1f} times the error"),),
+            sensitivity=(
+                Otherwise(f"all 64 paths, {beyond:.0f} of them beyond the supply", f"{every:.1f} times the error"),
+            ),
             rival=Otherwise("a leg without friction", f"{slick:.1f} times the error", slick > SIGNIFICANT),
         ),
         Row(

@@ -26,11 +26,12 @@ from sealegs.papers.arm.axes import (
     printed_axes,
     simple_axes,
 )
+from sealegs.papers.arm.choices import CHOICES, opposite_way
 from sealegs.papers.arm.control import Robust, closed_loop
 from sealegs.papers.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
 from sealegs.papers.arm.paper import mark
-from sealegs.papers.arm.readings import fall, gear_ratio, late_rise, outcome, readings, referred
-from sealegs.papers.arm.rows import extent, kinematic_rows, stiffness_rows
+from sealegs.papers.arm.readings import PLAIN, fall, gear_ratio, late_rise, outcome, readings, referred
+from sealegs.papers.arm.rows import _ranged, extent, kinematic_rows, stiffness_rows
 
 # --- tables and kinematics -------------------------------------------------------------------------------------------
 
@@ -169,6 +170,16 @@ def test_each_of_three_readings_makes_z_fall_and_all_at_once_do_not() -> None:
     falls = {name: outcome(reading).opposite for name, reading in readings().items()}
     opposite = {name for name, value in falls.items() if value}
     assert opposite == {"motor 1", "motor", "axes", "torques", "axes, motor", "simple"}
+
+
+def test_a_statement_that_holds_in_part_of_its_range_is_missed() -> None:
+    found = [_ranged("c_r", "5.2", "lower", holds, (1.0, 2.0), ()).holds for holds in ([True, True], [True, False])]
+    assert found == [True, False]
+
+
+def test_only_the_plain_reading_predicts_which_way_z_goes() -> None:
+    collected = {reach for choice in CHOICES.values() for reach in choice.reach}
+    assert [name for name in readings() if opposite_way(name) not in collected] == [PLAIN]
 
 
 def test_a_statement_that_holds_for_some_values_is_told_as_their_range() -> None:

@@ -12,7 +12,7 @@ from docs.generate import papers as pages
 
 
 @pytest.mark.weekly
-@pytest.mark.parametrize("robot", ["arm", "leg"])
+@pytest.mark.parametrize("robot", ["arm", "hexapod", "leg"])
 def test_a_fresh_run_has_the_rows_of_the_page(robot: str, tmp_path: Path) -> None:
     committed = json.loads((pages.RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
     importlib.import_module(f"sealegs.papers.{robot}.report").compare(tmp_path, say=lambda line: None)

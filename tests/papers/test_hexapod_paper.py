@@ -10,6 +10,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.robot import VERTICAL, coordinate
+from sealegs.papers.hexapod.choices import OVERCOME
 from sealegs.papers.hexapod.friction_bench import breakaway, steady
 from sealegs.papers.hexapod.paper import (
     Machine,
@@ -20,7 +21,7 @@ from sealegs.papers.hexapod.paper import (
     limit_by_speed,
     stand_unpowered,
 )
-from sealegs.papers.hexapod.rows import by_leg, motors
+from sealegs.papers.hexapod.rows import arithmetic_rows, at_rest, by_leg, motors
 
 from tests.typed import Done, typed
 
@@ -123,6 +124,27 @@ def _evaluate(*arguments: str) -> Done:
     return typed("evaluate", "paper=hexapod", *arguments)
 
 
+def test_only_the_support_counts_for_joints_that_stand_still_in_support() -> None:
+    gait = Tripod(FAST)
+    time = 0.01 * np.arange(round(gait.cycle / 0.01))
+    moves = np.stack([gait.in_transfer(leg, time) for leg in range(6)], axis=1)
+    blank = np.zeros((len(time), 18))
+
+    def walk(moving: np.ndarray) -> Walk:
+        position = blank.copy()
+        position[:, 1::3] = np.cumsum(np.where(moving, 1e-3, 0.0), axis=0)
+        return Walk(gait, time, blank[:, :3], blank, position, blank, blank, blank, blank[:, :6], 1.0)
+
+    assert at_rest(walk(moves)) > 0.98
+    assert at_rest(walk(~moves)) < 0.02
+
+
+def test_viscous_friction_as_assumed_is_not_small_and_bristles_are_dissipative() -> None:
+    holds = {row.name: row.holds for row in arithmetic_rows()}
+    assert holds["bristle damping of 0.02 N.s/m is dissipative"]
+    assert not holds["viscous friction is small beside dry friction"]
+
+
 @pytest.mark.long
 def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: Path) -> None:
     out = tmp_path / "comparison"
@@ -133,7 +155,9 @@ def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: 
     assert not rows["slight current as the load on leg 0 grows"]["holds"]
     fitted = [name for name, row in rows.items() if row["mark"] == "fitted"]
     assert {"no vertical current in support with LuGre", "but with dry/viscous, for regulation"} < set(fitted)
-    assert "specific resistance of LuGre over that of dry/viscous" in [name for name in rows if rows[name]["decides"]]
+    assert {"vertical joints stand still in support", OVERCOME} < set(fitted)
+    decided = [name for name in rows if rows[name]["decides"]]
+    assert decided == ["specific resistance of LuGre over that of dry/viscous"]
     alone = rows["no vertical current in support with LuGre"]["sensitivity"]["legs 1 and 3 there"]
     assert min(float(part) for part in alone.removesuffix(" mA").split(" and ")) > 500.0, "they cannot hold their load"
     for name in ("height", "friction", "limit", "vertical", "horizontal", "resistance"):

@@ -120,6 +120,7 @@ def test_figures_tell_paths_that_the_supply_can_follow_apart():
     off = np.array([[1.0, 5.0], [1.0, 7.0]])
     found = figures(off, np.array([True, False]))
     assert found["largest"] == 1.0 and found["rms"] == 1.0 and found["largest_all"] == 7.0
+    assert found["beyond"] == 1.0
 
 
 @pytest.mark.long
