@@ -87,7 +87,9 @@ def tables(result: Mapping[str, Any]) -> dict[str, str]:
                 for row in with_rival
                 for model, ours in row["rival"].items()
             ),
-        ),
+        )
+        if with_rival
+        else "None.",
         "chosen_numbers": table(
             ("number", "value", "chosen by", "to reach", "rows that rest on it"),
             (
