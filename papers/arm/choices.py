@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...envs.arm.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
 from .paper import BASES, BESIDE, DAMPINGS
-from .readings import PLAIN, readings
+from .readings import PREDICTING, readings
 
 INERTIA = ("products", "rotor1_iyz")
 OPEN_LOOP = (*INERTIA, "way")
@@ -44,7 +44,7 @@ CHOICES = {
     "softest real joint": Choice("a hundredth of 67 N.m/rad", "below any spring of table X"),
     **{
         chosen(name): Choice(reading.text, "collected to explain that z falls", (opposite_way(name),))
-        for name, reading in readings().items() if name != PLAIN
+        for name, reading in readings().items() if name not in PREDICTING
     },
 }  # fmt: skip
 

@@ -39,7 +39,7 @@ from .axes import (
 from .choices import OPEN_LOOP, chosen, opposite_way
 from .dynamics import Motion, inverse
 from .paper import BASES, BESIDE, DAMPINGS, HIGHEST, MARKS, SPRING, STATOR, Results, crossing_pairs, mark
-from .readings import FALL, PLAIN, Outcome, fall, gear_ratio, late_rise
+from .readings import FALL, PREDICTING, Outcome, fall, gear_ratio, late_rise
 
 EXACT = 1e-3  # relative: table IV
 TABLE_IV = "assumed: under the inputs' digits"
@@ -379,16 +379,19 @@ def final_rows(results: Results) -> list[Row]:
 def opposite_row(results: Results, name: str) -> Row:
     """Whether z falls where it should rise, under one reading; beside it an arm without what makes it fall.
 
-    Only the plain reading is a prediction: the others were collected because the paper says that z falls.
+    Only :data:`PREDICTING` readings are predictions: the others were collected because the paper says that z falls.
     """
     found: Outcome = results.outcomes[name]
     other, motion = ("perfect joints", found.perfect)
     if fall(motion)[0] > FALL:
         other, motion = ("axes of table I, torques of table VIII's links", results.outcomes["plain"].motion)
+    predicting = name in PREDICTING
+    own = () if predicting else (chosen(name),)
     return Row(
-        opposite_way(name), "5.3", "opposite", _falls(found.motion), "predicted" if name == PLAIN else "fitted",
+        opposite_way(name), "5.3", "opposite", _falls(found.motion),
+        "predicted" if predicting else "fitted",
         agrees=found.opposite, judged=f"the paper's own mark of {FALL:g} mm",
-        rests=(*OPEN_LOOP, *found.reading.rests, *(() if name == PLAIN else (chosen(name),))),
+        rests=(*OPEN_LOOP, *found.reading.rests, *own),
         rival=Otherwise(other, _falls(motion), fall(motion)[0] > FALL),
         note=f"{found.reading.text}; in the last quarter z rises by {late_rise(found.motion)[0]:+.0f} mm, "
         f"wanted {late_rise(found.motion)[1]:+.0f}",
