@@ -212,7 +212,8 @@ def judge(simulation: Simulation) -> None:
         alone = sum(map(len, faults.values())) == 1 and guard.dies is None and pressed is None
         if alone and guard.called_at > fault.at and not simulation.delays:
             assert outcome.fault is not None and outcome.fault.name == SURE[fault.kind], context
-            assert not fault.servos or set(fault.servos) & set(outcome.fault.servos) or fault.kind == "unplug", context
+            ill = {f"{fault.bus}:{servo}" if fault.bus else str(servo) for servo in fault.servos}
+            assert not ill or ill & set(map(str, outcome.fault.servos)) or fault.kind == "unplug", context
 
 
 RUNS: dict[str, Callable[[int, Path], Simulation]] = {

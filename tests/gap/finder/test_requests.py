@@ -92,7 +92,12 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     def sought(*given: Any, **named: Any) -> Any:
         asked.extend([*given, *named.values()])
         return SimpleNamespace(
-            search=search, problem=problem, rows={}, widespread=lambda: True, more=lambda joint, values: None
+            search=search,
+            problem=problem,
+            rows={},
+            widespread=lambda: True,
+            more=lambda joint, values: None,
+            by_effect=lambda measured, number: measured,
         )
 
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
