@@ -39,6 +39,7 @@ from ..envs.engine.sb3 import BatchVecEnv
 from .action_pipeline import ActionPipeline
 from .policy_files import describe, load_model, seen_as_trained, trained_env
 from .policy_graph import PolicyGraph
+from .run_chains import chains
 from .traced import TracingError
 from .weights import FILE as WEIGHTS
 from .weights import write_weights
@@ -86,7 +87,7 @@ def export(model: BaseAlgorithm, out: str | Path, env: Any = None, normalizer: V
         kept["robot"] = str(kept["robot"])
     description = {
         "env": {"id": spec.id, **kept},
-        "actuators": {name: chain.to_list() for name, chain in engine.chains.items()},
+        "actuators": chains(engine),
         "control_rate": 1.0 / engine.dt,
     }
     normalizer = model.get_vec_normalize_env() if normalizer is None else normalizer

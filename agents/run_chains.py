@@ -9,20 +9,21 @@ from typing import Any
 import yaml
 
 from ..common.errors import SealegsError
+from ..envs.engine.batch import BatchEngine
 from ..envs.engine.sb3 import BatchVecEnv
 from .run_folder import RunFolder
 
 _FILE = "actuators.yaml"
 
 
-def chains(env: BatchVecEnv) -> dict[str, list[dict[str, Any]]]:
+def chains(engine: BatchEngine) -> dict[str, list[dict[str, Any]]]:
     """Stages of the chain on each joint, whatever name or path was given."""
-    return {name: chain.to_list() for name, chain in env.engine.chains.items()}
+    return {name: chain.to_list() for name, chain in engine.chains.items()}
 
 
 def write_chains(run: RunFolder, env: BatchVecEnv) -> None:
     """Write ``actuators.yaml``, and copies of the nets that the chains name."""
-    kept = chains(env)
+    kept = chains(env.engine)
     for joint, net in _nets(kept):
         original = Path(net["file"])
         net["file"] = f"{joint}-{original.name}"

@@ -28,7 +28,7 @@ from typing import Any
 from ..common.atomic import finish_replacements, folder_written, write_text
 from ..common.documents import DocumentError, read_json, read_yaml
 from ..common.errors import SealegsError
-from ..common.fresh_names import STAMP
+from ..common.fresh_names import fresh
 
 try:
     import fcntl
@@ -71,9 +71,8 @@ class RunFolder:
             raise SealegsError(
                 f"name={name} must be one word without '/'; the folder it is made in is given as out=<folder>."
             )
-        stem = name or f"{label}-{datetime.datetime.now():{STAMP}}"
-        for attempt in range(100):
-            path = out / (stem if attempt == 0 else f"{stem}-{attempt + 1}")
+        for _ in range(100):  # another process may take a name that was free
+            path = fresh(out, label) if name is None else out / name
             try:
                 path.mkdir(parents=True)
                 return cls(path)
@@ -87,7 +86,7 @@ class RunFolder:
                 raise SealegsError(
                     f"{path} cannot be made ({error.strerror}): give another folder, out=<folder>."
                 ) from error
-        raise SealegsError(f"{out} has too many runs that start with {stem}: give the run a name, name=<word>.")
+        raise SealegsError(f"{out} has too many runs that start with {label}: give the run a name, name=<word>.")
 
     @classmethod
     def open(cls, path: Path) -> RunFolder:

@@ -74,7 +74,7 @@ class Session:
         self.run, self.config, self.model = run, config, model
         self.env, self.from_step = env, model.num_timesteps
         self._not_exported = ""
-        self.chains = chains(env)
+        self.chains = chains(env.engine)
         algorithm = config.agent["algorithm"]
         self.description = {"algorithm": algorithm, "env": config.env, "actuators": self.chains, **_interface(env)}
         evaluate = config.evaluate

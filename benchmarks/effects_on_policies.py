@@ -14,20 +14,19 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 from sealegs.actuators import Chain, load_chain
-from sealegs.actuators.stages import build_stage
-from sealegs.agents.callbacks import NoAction
 from sealegs.agents.cross_evaluation import episode_rewards
 from sealegs.agents.make_env import checked_env, make_vec_env
 from sealegs.agents.policy_files import load_policy, trained_env
+from sealegs.agents.training import half_interval
 from sealegs.common.errors import SealegsError
+from sealegs.envs.described.robot_described import largest_torque
+from sealegs.hw.virtual.hidden import changed
 
 from benchmarks import study
 from benchmarks.policies_on_the_bus import POLICIES
@@ -39,20 +38,8 @@ TRACK = "track"
 POLICIES_OF = ("hopper/seed0", "leg/seed0", "arm/seed0", "biped/seed0", "biped_hopping/seed0", "hexapod/seed0", TRACK)
 LATENCY, LOST, WEAKER, SOFTER, PLAY, FRICTION, OFFSET = 0.02, 0.15, 0.8, 0.8, 0.026, 0.05, 0.035
 """Assumed sizes: [s]; share of the supply's voltage; of the motor constant; of the position gain; [rad]; share of the
-stall torque; [rad]."""
+largest torque at rest; [rad]."""
 MATTERS = 0.05  # share of the reward from which a loss is marked
-
-
-def stall_torque(chain: Chain) -> float:
-    """Largest torque of a joint [N.m]."""
-    value = chain.to_list()
-    stages = {name: numbers for stage in value for name, numbers in stage.items()}
-    if "ideal" in stages:
-        return float(stages["ideal"]["torque_limit"])
-    if "regression" in stages:
-        return float(stages["regression"]["duty_torque"] * stages["duty_limit"].get("limit", 1.0))
-    motor, gear = stages["dc_motor"], stages.get("gear", {}).get("ratio", 1.0)
-    return float(motor["motor_constant"] * stages["supply"]["volts"] / motor["resistance"] * gear)
 
 
 def scaled(*paths: str, factor: float) -> Callable[[Chain], Chain | None]:
@@ -68,20 +55,19 @@ def scaled(*paths: str, factor: float) -> Callable[[Chain], Chain | None]:
     return change
 
 
-def added(stage: str, key: str, amount: Callable[[Chain], float]) -> Callable[[Chain], Chain | None]:
+def added(path: str, amount: Callable[[Chain], float]) -> Callable[[Chain], Chain | None]:
     """A parameter and ``amount`` more; the stage is put in where a chain lacks it."""
+    stage, _, key = path.partition(".")
 
     def change(chain: Chain) -> Chain | None:
         found = chain.find(stage)
-        if found is None:
-            return chain.with_stage(build_stage(stage, {key: amount(chain)}, stage))
-        return chain.with_value(f"{stage}.{key}", found.parameters()[key] + amount(chain))
+        return changed(chain, path, (0.0 if found is None else found.parameters()[key]) + amount(chain), path)
 
     return change
 
 
 EFFECTS: Mapping[str, Callable[[Chain], Chain | None]] = {
-    f"latency +{1e3 * LATENCY:g} ms": added("delay", "seconds", lambda _: LATENCY),
+    f"latency +{1e3 * LATENCY:g} ms": added("delay.seconds", lambda _: LATENCY),
     f"supply -{100 * LOST:g} %": scaled(
         "supply.volts", "regression.duty_torque", "ideal.torque_limit", factor=1.0 - LOST
     ),
@@ -89,11 +75,16 @@ EFFECTS: Mapping[str, Callable[[Chain], Chain | None]] = {
     f"position gain -{100 * (1 - SOFTER):.0f} %": scaled(
         "position_p.gain", "position_pi.gain", "ideal.stiffness", factor=SOFTER
     ),
-    f"dry friction +{100 * FRICTION:g} % of stall": added("friction", "coulomb", lambda c: FRICTION * stall_torque(c)),
-    f"backlash {PLAY:g} rad": added("backlash", "width", lambda _: PLAY),
-    f"zero off by {OFFSET:g} rad": added("encoder", "offset", lambda _: OFFSET),
+    f"dry friction +{100 * FRICTION:g} % of stall": added("friction.coulomb", lambda c: FRICTION * largest_torque(c)),
+    f"backlash {PLAY:g} rad": added("backlash.width", lambda _: PLAY),
+    f"zero off by {OFFSET:g} rad": added("encoder.offset", lambda _: OFFSET),
     "spring -30 %": scaled("spring.stiffness", "compliance.stiffness", factor=0.7),
 }
+
+
+def still(seen: np.ndarray) -> np.ndarray:
+    """Actions of 0 (n, 1), of a robot with one joint."""
+    return np.zeros((len(seen), 1))
 
 
 def measured(name: str, effect: str | None) -> list[float] | None:
@@ -102,7 +93,7 @@ def measured(name: str, effect: str | None) -> list[float] | None:
         env = checked_env({"id": "SeaLegs/Track-v1", "robot": "bench"})
         env |= make_vec_env(env, None, 1, 0).engine.fitted  # the lead of the chain that is believed
         believed = {"joint": load_chain("sts3215")}
-        act: Any = None
+        act: Any = still
     else:
         act, description = load_policy(POLICIES / name)
         env = trained_env(description, POLICIES / name, None)
@@ -115,17 +106,13 @@ def measured(name: str, effect: str | None) -> list[float] | None:
     except SealegsError as refused:  # such as play behind a motor without inertia
         print(f"{name}, {effect}: {refused}", file=sys.stderr)
         return None
-    if act is None:
-        still = NoAction(machine)
-        act = lambda seen: still.predict(seen)[0]  # noqa: E731
     return [round(float(value), 3) for value in episode_rewards(act, machine)]
 
 
 def loss(alone: list[float], hit: list[float]) -> tuple[float, float]:
     """Mean loss as a share of the mean reward alone, and half of its 95 % interval, from the same starts."""
     lost = (np.array(alone) - np.array(hit)) / abs(float(np.mean(alone)))
-    half = float(student.ppf(0.975, len(lost) - 1) * lost.std(ddof=1)) / math.sqrt(len(lost))
-    return float(lost.mean()), half
+    return float(lost.mean()), half_interval(lost)
 
 
 def table(rows: Mapping[str, Mapping[str, list[float] | None]]) -> str:

@@ -28,7 +28,7 @@ def measured_lead(
     engine.seed(0)
     engine.reset()
     still = np.zeros((ROWS, len(engine.action_names)))
-    times, links, command = [], [], engine._command.copy()
+    times, links, command = [], [], engine.motion(still).command.copy()
     for _ in range(round(SECONDS / engine.dt)):
         if engine.step(still).flags["unstable"].any():
             return 0.0

@@ -283,9 +283,14 @@ def _stall(chain: Chain) -> float:
     return math.inf if regression is None else chain.gear_ratio() * abs(regression.duty_torque)
 
 
+def largest_torque(chain: Chain) -> float:
+    """Largest torque of a chain at its joint, at rest [N.m or N]; infinite where that is not known."""
+    return min(_limit(chain), _stall(chain))
+
+
 def _limited(chain: Chain, limit: float) -> Chain:
     """The chain with a largest torque at the joint [N.m or N], where it could give more."""
-    if min(_limit(chain), _stall(chain)) <= limit:
+    if largest_torque(chain) <= limit:
         return chain
     if chain.find("ideal") is not None:
         return chain.with_value("ideal.torque_limit", limit)
