@@ -73,7 +73,8 @@ class Request:
     """The request of the command line: a new run of ``config`` in ``out``, or resuming the run at ``resume``.
 
     ``overrides`` are the arguments that change the stored config of a resumed run. ``task`` names the file of its task,
-    ``trust`` says that the pickles of an earlier version may be loaded.
+    ``trust`` says that the pickles of an earlier version may be loaded. ``seeds`` are those of a run of several; a run
+    of one has none.
     """
 
     config: TrainConfig | None
@@ -83,6 +84,7 @@ class Request:
     overrides: dict[str, str]
     task: str | None = None
     trust: bool = False
+    seeds: tuple[int, ...] = ()
 
 
 def read_config(arguments: Sequence[str]) -> Request:
@@ -115,8 +117,22 @@ def read_config(arguments: Sequence[str]) -> Request:
     plain.pop("resume")
     if plain.pop("trust"):
         raise SealegsError("trust= is for a run that is resumed: leave it out, or say which, resume=<run>.")
+    seeds, plain["seed"] = _seeds(plain.pop("seeds"), plain["seed"])
     plain = _extended(plain)
-    return Request(train_config(plain), Path(out), None if name is None else str(name), None, {})
+    return Request(train_config(plain), Path(out), None if name is None else str(name), None, {}, seeds=seeds)
+
+
+def _seeds(count: Any, seed: Any) -> tuple[tuple[int, ...], Any]:
+    """Seeds of a run of several, and the first of them; () and ``seed`` of a run of one."""
+    count = checked("seeds", count, Count | None)
+    if count is not None and seed != 0:
+        raise SealegsError(f"seeds={count} and seed={seed} say the same: give seeds={count}, or seed=[0,1,2].")
+    if not isinstance(seed, list) and count is None:
+        return (), seed
+    seeds = list(range(count)) if count is not None else checked("seed", seed, list[Natural])
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise SealegsError(f"seed={seeds} must name one seed at least, and each once.")
+    return tuple(seeds), seeds[0]
 
 
 def _own_task(word: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import CallbackList
 
 from ..common.atomic import written
-from ..common.documents import read_json
+from ..common.documents import read_json, read_yaml
 from ..common.errors import SealegsError
 from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
@@ -37,6 +37,7 @@ from .policy_files import policy_of, policy_reward, policy_step, save_for_sb3, s
 from .run_chains import chains, read_chains, write_chains
 from .run_folder import RunFolder
 from .run_sources import check_sources, write_sources
+from .seeds import is_study, learn_all, write_seeds
 from .stop import StopSignals
 from .tensorboard import tensorboard_logger
 from .video import record_video
@@ -53,18 +54,46 @@ def train(request: Request) -> Path:
         SealegsError: wrong input, or a full disk.
         Interrupted: the user stopped the run; a checkpoint is saved.
     """
+    if request.resume is not None and is_study(request.resume):
+        return _train_seeds(request, request.resume)
     if request.resume is not None:
         run = RunFolder.open(request.resume)
         with contextlib.closing(run), _disk_errors(run, request.task):
             config = with_overrides(run.read_config(), request.overrides, str(run.path), request.task)
             Session.resumed(run, config, request.trust).learn()
-    else:
-        assert request.config is not None
-        session = Session.started(request.config, request.out, request.name)
-        run = session.run
-        with contextlib.closing(run), _disk_errors(run, _own_task(request.config)):
-            session.learn()
+        return run.path
+    assert request.config is not None
+    session = Session.started(request.config, request.out, request.name, request.seeds)
+    run, task = session.run, _own_task(request.config)
+    if request.seeds:
+        run.close()
+        return _train_seeds(replace(request, task=task), run.path.parent)
+    with contextlib.closing(run), _disk_errors(run, task):
+        session.learn()
     return run.path
+
+
+def _train_seeds(request: Request, folder: Path) -> Path:
+    """Train the runs of a folder of seeds that are not finished.
+
+    Raises:
+        Interrupted: the user stopped; the message says how all of them go on.
+    """
+
+    def learn(run: Path) -> None:
+        train(replace(request, resume=run, config=None, seeds=()))
+
+    def finished(run: Path) -> bool:
+        stored = read_yaml(run / "config.yaml")
+        config = with_overrides(stored, request.overrides, str(run), request.task)
+        step = policy_step(run / "final") or 0
+        return step >= config.total_timesteps and not _unfinished(run, config, step)
+
+    try:
+        learn_all(folder, learn, finished)
+    except Interrupted as stop:
+        raise Interrupted(f"{stop}\nThat and the further seeds: {_resume_command(folder, request.task)}") from None
+    return folder
 
 
 class Session:
@@ -93,14 +122,19 @@ class Session:
         )
 
     @classmethod
-    def started(cls, config: TrainConfig, out: Path, name: str | None) -> Session:
-        """New run. Its folder is created only after environment and learner exist, so wrong input leaves no folder."""
+    def started(cls, config: TrainConfig, out: Path, name: str | None, seeds: Sequence[int] = ()) -> Session:
+        """New run, the first of ``seeds`` within a folder of all of them.
+
+        Its folder is created only after environment and learner exist, so wrong input leaves no folder.
+        """
         model, env = _new_learner(config, config.actuator)
         config = replace(config, env={**config.env, **env.engine.fitted})
         task = str(config.env["id"]).rpartition("/")[2].rpartition(":")[2].partition("-")[0].lower()
         robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
         actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.chains.values()))
         run = RunFolder.create(out, f"{robot}-{actuator}-{config.agent['algorithm']}", name)
+        if seeds:
+            run = RunFolder.create(run.path, "", write_seeds(run.path, seeds))
         with _disk_errors(run, _own_task(config)):
             write_chains(run, env)
             write_sources(run, config.env["id"], env)
@@ -126,7 +160,7 @@ class Session:
         else:
             model, evaluations = loaded
             model.set_random_seed(stream_seed(config.seed, _TRAINING, model.num_timesteps))
-        if model.num_timesteps >= config.total_timesteps and not _unfinished(run, config, model.num_timesteps):
+        if model.num_timesteps >= config.total_timesteps and not _unfinished(run.path, config, model.num_timesteps):
             raise SealegsError(
                 f"{run.path} is trained to step {model.num_timesteps} already: give a larger total_timesteps to go on."
             )
@@ -184,11 +218,16 @@ class Session:
         """The work after the last step; a resumed run makes up for parts that are missing."""
         self.evaluation.evaluate(self.model)
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
+        rewards = self.evaluation.rewards()
+        reference = self.evaluation.of_no_action() if self._corrects() else None
+        figures = {"mean_reward": float(rewards.mean())}
+        if reference is not None:
+            figures["reference_reward"] = float(reference.mean())
         with self.run.writing("final") as folder:
-            self._save(folder, self.description)
-        print(f"Mean evaluation reward {told(self.evaluation.rewards())}.", flush=True)
-        if self._corrects():
-            print(beside_reference(self.evaluation.rewards(), self.evaluation.of_no_action()), flush=True)
+            self._save(folder, self.description | figures)
+        print(f"Mean evaluation reward {told(rewards)}.", flush=True)
+        if reference is not None:
+            print(beside_reference(rewards, reference), flush=True)
         self._film()
 
     def _corrects(self) -> bool:
@@ -249,7 +288,7 @@ class Session:
     def _how_to_resume(self, what: str) -> str:
         found = checkpoints(self.run)
         where = f"the checkpoint at step {int(found[0].name)}" if found else "the start (there is no checkpoint yet)"
-        return f"{what}; go on from {where} with: {_resume_command(self.run, _own_task(self.config))}"
+        return f"{what}; go on from {where} with: {_resume_command(self.run.path, _own_task(self.config))}"
 
 
 def revived(config: TrainConfig, step: int, before: int) -> str:
@@ -306,13 +345,13 @@ def _own_task(config: TrainConfig) -> str | None:
     return word if is_user_task(word) else None
 
 
-def _resume_command(run: RunFolder, task: str | None) -> str:
-    return f"sealegs train resume={run.path}" + (f" env={task}" if task else "")
+def _resume_command(run: Path, task: str | None) -> str:
+    return f"sealegs train resume={run}" + (f" env={task}" if task else "")
 
 
-def _unfinished(run: RunFolder, config: TrainConfig, step: int) -> bool:
+def _unfinished(run: Path, config: TrainConfig, step: int) -> bool:
     """Whether ``final/`` or the film of the policy at ``step`` is missing, as a stop or a full disk leaves a run."""
-    final, film = run.path / "final", run.path / _VIDEO
+    final, film = run / "final", run / _VIDEO
     if policy_step(final) != step:
         return True
     # the film follows the policy; one that is older shows what the policy was before the run went on
@@ -355,7 +394,7 @@ def _disk_errors(run: RunFolder, task: str | None) -> Iterator[None]:
         found = checkpoints(run)
         safe = f"its checkpoint at step {int(found[0].name)} is complete" if found else "it has no checkpoint yet"
         raise SealegsError(
-            f"The disk of {run.path} is full; {safe}. Free some space and go on with: {_resume_command(run, task)}"
+            f"The disk of {run.path} is full; {safe}. Free some space and go on with: {_resume_command(run.path, task)}"
         ) from error
     finally:
         threading.excepthook = previous

@@ -32,6 +32,7 @@ import yaml
 from scipy import stats
 from sealegs.agents.config import TrainConfig, read_config
 from sealegs.agents.policy_files import policy_step
+from sealegs.agents.seeds import Curve, read_curve
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import Interrupted, run
 
@@ -73,18 +74,6 @@ class Learned(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Evaluations over training: steps (m,), and the mean reward of each seed (seeds, m)."""
-
-    steps: np.ndarray
-    rewards: np.ndarray
-
-    def interval(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over the seeds, and half the width of its 95 % interval by Student (nan for a single seed)."""
-        return interval(self.rewards)
-
-
 def interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean of ``values`` (seeds, ...) over the seeds, and half the width of its 95 % interval by Student."""
     count = len(values)
@@ -92,21 +81,6 @@ def interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return values.mean(axis=0), np.full(values.shape[1:], np.nan)
     error = values.std(axis=0, ddof=1) / np.sqrt(count)
     return values.mean(axis=0), float(stats.t.ppf(0.975, count - 1)) * error
-
-
-def read_curve(folders: Sequence[Path]) -> Curve:
-    """The curve of the seeds in ``folders`` over the range that all of them were evaluated in.
-
-    A run that was stopped goes on with evaluations at other steps; between its own, its reward is taken as a line.
-    """
-    read = []
-    for folder in folders:
-        with np.load(folder / "evaluations.npz") as file:
-            read.append((file["timesteps"], file["results"].mean(axis=1)))
-    low, high = max(steps[0] for steps, _ in read), min(steps[-1] for steps, _ in read)
-    steps = np.unique(np.concatenate([steps for steps, _ in read]))
-    steps = steps[(low <= steps) & (steps <= high)]
-    return Curve(steps, np.array([np.interp(steps, *row) for row in read]))
 
 
 def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: float | None = None) -> None:
@@ -193,7 +167,7 @@ def picture(robot: str, curve: Curve, reference: dict[str, float], path: Path) -
     """The curve of each seed, their mean and its interval."""
     from matplotlib.figure import Figure
 
-    mean, half = curve.interval()
+    mean, half = interval(curve.rewards)
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
     thousands = curve.steps / 1000.0
@@ -291,7 +265,7 @@ def study(
     bars = module.bars(list(rows.values()), reference)
     curve = read_curve(list(folders.values()))
     results.mkdir(parents=True, exist_ok=True)
-    mean, half = curve.interval()
+    mean, half = interval(curve.rewards)
     document: dict[str, Any] = {
         "training": list(module.TRAINING),
         "reference": reference,

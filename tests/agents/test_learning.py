@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.agents.policy_files import load_policy
+from sealegs.agents.seeds import read_curve
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import choices
 
 from benchmarks import learning
-from benchmarks.learning import Bar, interval, page, read_curve
+from benchmarks.learning import Bar, interval, page
 
 SMALL = ("env=bench", "total_timesteps=64", "n_envs=2", "agent.n_steps=16", "agent.batch_size=16", "evaluate.every=32")
 
