@@ -112,6 +112,7 @@ class Row:
         judged: where the tolerance or the limit comes from: the paper's digits, its scatter, or ``assumed``.
         rests: names of the chosen numbers that it rests on; None: not said.
         rival: the figure in another model, which the paper's would show to be wrong.
+        timed: whether the figure measures this computer, so that another run gives another one.
     """
 
     name: str
@@ -127,6 +128,7 @@ class Row:
     judged: str = ""
     rests: tuple[str, ...] | None = None
     rival: Otherwise | None = None
+    timed: bool = False
 
     def __post_init__(self) -> None:
         if self.mark not in get_args(Mark):
@@ -176,6 +178,7 @@ class Row:
             "sensitivity": {item.change: item.ours for item in self.sensitivity},
             "rival": None if self.rival is None else {self.rival.change: self.rival.ours},
             "decides": self.decides,
+            "timed": self.timed,
             "note": self.note,
         }
 

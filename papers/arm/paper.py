@@ -33,7 +33,8 @@ class Results:
 
     Attributes:
         final: table X under the torques of the ideal arm.
-        parts: table X's dampers alone, and its springs alone.
+        parts: table X's dampers alone, and its springs alone; and both in the other place of Fig. 1: springs between
+            stator and rotor, dampers beside the springs between rotor and link.
         stator: largest deviation [mm] with each of :data:`STATOR`.
         spring: with each of :data:`SPRING`.
         damping: motions with each of :data:`DAMPINGS` in one joint, by joint.
@@ -89,13 +90,19 @@ def run(say: Callable[[str], None]) -> Results:
     """All experiments."""
     say("torques of the ideal robot on perfect, damped and sprung joints")
     damping, third, changed = parametric_study()
-    ideal, damped, *stator = open_loop(
-        [PERFECT, Joints(DAMPING), *(Joints(stator_stiffness=alike(float(k))) for k in STATOR)]
+    ideal, damped, held, *stator = open_loop(
+        [
+            PERFECT,
+            Joints(DAMPING),
+            Joints(stator_stiffness=STIFFNESS),
+            *(Joints(stator_stiffness=alike(float(k))) for k in STATOR),
+        ]
     )
     say("springs between rotors and links")
     sprung = Joints(link_stiffness=STIFFNESS)
-    final, springs, *soft = open_loop(
-        [FINAL_MODEL, sprung, *(Joints(link_stiffness=alike(float(value))) for value in SPRING)]
+    beside = Joints(link_stiffness=STIFFNESS, link_damping=DAMPING)
+    final, springs, damped_springs, *soft = open_loop(
+        [FINAL_MODEL, sprung, beside, *(Joints(link_stiffness=alike(float(value))) for value in SPRING)]
     )
     say("readings of the final model")
     outcomes = {name: outcome(reading) for name, reading in readings().items()}
@@ -108,7 +115,7 @@ def run(say: Callable[[str], None]) -> Results:
     say("controllers")
     return Results(
         final=final,
-        parts={"dampers": damped, "springs": springs},
+        parts={"dampers": damped, "springs": springs, "springs at the stator": held, "with dampers": damped_springs},
         stator=_largest(stator),
         spring=_largest(soft),
         damping=damping,

@@ -39,7 +39,7 @@ from .axes import (
 from .choices import OPEN_LOOP, chosen, opposite_way
 from .dynamics import Motion, inverse
 from .paper import BASES, BESIDE, DAMPINGS, HIGHEST, MARKS, SPRING, STATOR, Results, crossing_pairs, mark
-from .readings import FALL, PREDICTING, Outcome, fall, gear_ratio, late_rise
+from .readings import FALL, PREDICTING, Outcome, apart, fall, gear_ratio, late_rise
 
 EXACT = 1e-3  # relative: table IV
 TABLE_IV = "assumed: under the inputs' digits"
@@ -200,7 +200,7 @@ def stiffness_study_rows(results: Results) -> list[Row]:
     low, high = (mark(STATOR, r.stator, level) for level in MARKS)
     springs = [mark(SPRING, r.spring, level) for level in MARKS]
     figure = "the paper's figure is not at hand: these are for reading it"
-    limit = 0.01 * min(STIFFNESS)
+    limit, held = 0.01 * min(STIFFNESS), r.parts["springs at the stator"].largest
     stiff, damped = float(r.spring[-1]), r.damping["joint1"][-1]
     turns = [float(np.degrees(np.ptp(angles))) for angles in (damped.links[:, 0], Line().joints(damped.time)[0][:, 0])]
     return [
@@ -215,6 +215,10 @@ def stiffness_study_rows(results: Results) -> list[Row]:
             f"{high:.2g} N.m/rad", "predicted", agrees=high < limit, judged="assumed: under a hundredth of 67 N.m/rad",
             rests=(*OPEN_LOOP, "softest real joint"),
             rival=Otherwise("the same spring between rotor and link", f"{springs[1]:.2g} N.m/rad", springs[1] < limit)),
+        Row("springs as stiff as table X's are between rotor and link", "5.1", "only there",
+            f"{r.parts['springs'].largest:.4f} mm", "predicted", agrees=r.parts["springs"].largest < MARKS[0],
+            judged="the paper's own mark of 1 mm", rests=OPEN_LOOP,
+            rival=Otherwise("the same springs between stator and rotor", f"{held:.0f} mm", held < MARKS[0])),
         Row("rotor to link: stiffness at the 1 mm mark", "5.1", "not printed", springs[0], "predicted", "N.m/rad",
             rests=OPEN_LOOP),
         Row("rotor to link: stiffness at the 30 mm mark", "5.1", "not printed", springs[1], "predicted", "N.m/rad",
@@ -340,7 +344,7 @@ def final_rows(results: Results) -> list[Row]:
     """Sections 5.3 and 6: the final model, by what the text leaves open."""
     r = results
     plain, motor = r.outcomes["plain"], r.outcomes["motor 1"]
-    sprung = r.parts["springs"].largest
+    sprung, beside = r.parts["springs"].largest, apart(r.parts["with dampers"], r.parts["springs"])
     found = [
         Row(
             "table X: largest deviation of the tool", "Fig. 25", "not printed", r.final.largest, "predicted", "mm",
@@ -356,6 +360,10 @@ def final_rows(results: Results) -> list[Row]:
             "dampers are a major source of error, beside springs", "6", "stated",
             f"{plain.by_dampers:.2f} mm of dampers, {sprung:.4f} mm of springs", "predicted",
             agrees=plain.by_dampers > MAJOR * sprung, judged="assumed: ten times the springs' effect", rests=OPEN_LOOP,
+            rival=Otherwise(
+                "the same dampers beside the springs, between rotor and link", f"{beside:.1g} mm of dampers",
+                beside > MAJOR * sprung,
+            ),
             sensitivity=tuple(
                 Otherwise(name, f"{b:.2f} mm of dampers, {c:.4f} mm of springs") for name, (_, b, c) in r.varied.items()
             ),

@@ -8,7 +8,9 @@ from ...envs.biped.drive import ENCODER, SPRING_DAMPING
 from ...envs.biped.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
 from .controller import Gait
-from .hopping import DROP, JOINT_TICKS, SPEED_WINDOW
+from .hopping import DROP, JOINT_TICKS, SETTLED, SPEED_WINDOW
+from .return_map import FINE, SETTLING
+from .return_map import HOPS as HEALING_HOPS
 from .rig import FINGERTIP, NOISE
 
 HOPS, RIGID_HOPS = "hops without a fall", "controllers tuned on rigid cables hop on them"
@@ -83,6 +85,12 @@ PAPER = Paper(
             f"K_dB = {SPRING_DAMPING:g} N.m.s/rad at the pulley", "table VI reads 15; its point is taken as lost"
         ),
         "excitation": Choice("magnitudes, bands and postures of the experiments", "plausible"),
+        "settled": Choice(f"{SETTLED} hops", "the start that the period does not count"),
+        "return_map": Choice(
+            f"{SETTLING} hops before the pitch is put off, {HEALING_HOPS} after; encoders of "
+            f"2^{math.log2(FINE):.0f} steps",
+            "plausible",
+        ),
         "fingertip": Choice(f"{FINGERTIP:g} N.m at most", "so that what is left is under 6 mm", tuple(OVER.values())),
     },
     (

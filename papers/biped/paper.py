@@ -14,7 +14,7 @@ from ...envs.biped.robot import BIPED
 from .cable_fit import Cable, fit_cable
 from .choices import TUNED_ON_RIGID
 from .controller import Gait
-from .hopping import Hopping, HoppingExperiment, flight_share, hop_times, rigid_cables
+from .hopping import SETTLED, Hopping, HoppingExperiment, flight_share, hop_times, rigid_cables
 from .identification import (
     Leg,
     Motor,
@@ -34,7 +34,6 @@ NO_UPDATE = "K_Tor (printed)"
 ON_RIGID = "gains tuned on rigid cables"
 TUNED, RIGID, STRETCHING = "the machine of the search", "rigid", "stretching"
 STIFFER = 100.0  # times the printed stiffness, which is rigid
-SETTLED = 8  # hops after which figures are taken, assumed
 
 
 @dataclass(frozen=True)

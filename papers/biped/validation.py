@@ -252,16 +252,17 @@ def heal_rows(
         return "falls" if found.fell else f"{1e3 * found.left:.2f} mrad, {found.multiplier:.2f} times a hop"
 
     found = [tuple(Otherwise(label, said(pair[k])) for label, pair in others.items()) for k in range(2)]
+    rests = (*choices.HOPPING, "return_map")
     start = (Otherwise("started with the chosen lean", falls),) if falls else ()
     return [
         Row(
             choices.HEALS, "VIII-D", "stable", said(heals[0]), "fitted", agrees=heals[0].multiplier < 1.0,
-            judged=f"smaller after {HOPS} hops or not", rests=choices.HOPPING, sensitivity=found[0],
+            judged=f"smaller after {HOPS} hops or not", rests=rests, sensitivity=found[0],
             note="gains and lean were searched for hopping that lasts; with another lean it does not heal",
         ),
         Row(
             f"{1e3 * OFF:g} mrad of pitch grows without the update", "VIII-D", "unstable", said(heals[1]), "predicted",
-            agrees=heals[1].multiplier >= 1.0, judged=f"larger after {HOPS} hops or not", rests=choices.HOPPING,
+            agrees=heals[1].multiplier >= 1.0, judged=f"larger after {HOPS} hops or not", rests=rests,
             sensitivity=(*found[1], *start),
             note="about the hop that the update has settled on, whose lean is kept",
         ),

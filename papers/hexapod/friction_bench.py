@@ -207,3 +207,22 @@ def identify(load: float = 5.0) -> Identified:
         rest = dry + friction["stribeck"]
         rows.append((moving.coulomb, moving.viscous, breakaway(friction, load), dry, planted_viscous, rest))
     return Identified(*(np.array(column, float) for column in zip(*rows, strict=True)))
+
+
+def largest_bristle_damping(coulomb: float, stribeck: float, viscous: float) -> float:
+    """Bristle damping sigma_1 up to which LuGre friction gives no power back that it did not store [N.s/m].
+
+    F = x + sigma_1 z' + f_v v, with x = sigma_0 z the force of the bristles and z' = v - |v| x / g(v). Power in, less
+    what the bristles' energy sigma_0 z^2 / 2 gains in that time, is
+
+        F v - x z' = |v| x^2 / g + v^2 (f_v + sigma_1 (1 - sign(v) x / g)).
+
+    Bristles never hold more than F_s, and g is no less than F_c: the bracket is at least
+    f_v - sigma_1 (F_s - F_c) / F_c.
+
+    Args:
+        coulomb: F_c [N].
+        stribeck: F_s - F_c [N].
+        viscous: f_v [N.s/m].
+    """
+    return viscous * coulomb / stribeck

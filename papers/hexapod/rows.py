@@ -441,7 +441,7 @@ def arithmetic_rows() -> list[Row]:
     """Statements on assumed numbers that need no simulation: slip, bristles, viscous friction."""
     slip = NUMBERS["slip_speed"].value
     joint = {key: _JOINT.value(f"friction.{key}") for key in ("coulomb", "viscous", "stribeck", "bristle_damping")}
-    bound = joint["viscous"] * joint["coulomb"] / joint["stribeck"]
+    bound = friction_bench.largest_bristle_damping(joint["coulomb"], joint["stribeck"], joint["viscous"])
     fastest = max(friction_bench.SPEEDS)
     viscous = joint["viscous"] * fastest / joint["coulomb"]
     return [
@@ -453,7 +453,7 @@ def arithmetic_rows() -> list[Row]:
         _said(
             f"bristle damping of {joint['bristle_damping']:g} N.s/m is dissipative", "5.2",
             f"up to {bound:.0f} N.s/m in the vertical joint", joint["bristle_damping"] < bound, "predicted",
-            "sigma_1 < f_v F_c / (F_s - F_c), as Barabanov and Ortega have it",
+            "a bound: sigma_1 (F_s - F_c) < f_v F_c, derived in friction_bench.py",
             rests=("vertical_coulomb", "vertical_viscous", "breakaway_walking"),
             note="the horizontal joint and the rotation have no breakaway force, and so no bound",
         ),

@@ -7,7 +7,7 @@ import math
 from ...actuators.gravity import GRAVITY
 from ...envs.hopper.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
-from .paper import PRINTED
+from .paper import LEG_DISTANCE, PRINTED, SETTLING
 
 HOPS = "regular hopping in both cases"
 FITTED = tuple(f"{what} {case}" for case in ("with actuator", "without actuator") for what in ("frequency", "height"))
@@ -17,7 +17,16 @@ LINE = ("torque per PWM of a motor's bench", "torque per rpm of a motor's bench"
 
 LENGTHS = ("upper_length", "lower_length")
 BLIND = ("blind_upper_length", "blind_lower_length")
-MODEL = ("upper_centre", "lower_centre", "foot_radius", "contact_time", "signal", "gain_unit", "height_of_a_jump")
+MODEL = (
+    "upper_centre",
+    "lower_centre",
+    "foot_radius",
+    "contact_time",
+    "signal",
+    "gain_unit",
+    "height_of_a_jump",
+    "settling",
+)
 """Names of chosen numbers that all hopping rests on, beside the lengths of the links."""
 BLIND_LENGTHS = (0.100, 0.084)  # [m] upper and lower link: of the search, best on the figures without actuator
 
@@ -39,6 +48,8 @@ PAPER = Paper(
             f"from standing, the hardware's 10 cm would take {_AIR:.2f} s of flight, "
             f"and its whole period is {_PERIOD:.2f} s",
         ),
+        "settling": Choice(f"{SETTLING:g} s", "the start that no figure looks at"),
+        "leg_distance": Choice(f"{LEG_DISTANCE:g} m", "between the legs of the model with four, which do not touch"),
         "bench_motor": Choice(
             "the motor in configs/actuator/sv1270tg_motor.yaml", "near the first two coefficients of (3)", LINE
         ),

@@ -76,8 +76,7 @@ class Figures:
     Attributes:
         frequency: hops per second [Hz].
         height: of the hip from its lowest to its highest point, mean over the hops [m]. The paper does not say from
-            where it measures; from standing, 10 cm would take 0.29 s of flight, and its hardware's whole period is 0.34
-            s.
+            where it measures: `height_of_a_jump` in the list of chosen numbers.
         rise: of the hip over standing [m].
         clearance: of the foot over the floor [m].
         speed: forward [m/s].

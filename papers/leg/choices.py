@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ...envs.leg.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
-from .paper import LINES, OWN_SPEED, REACH_HIGH, REACH_LOW, SHORTEST
+from .paper import LINES, OWN_SPEED, REACH_HIGH, REACH_LOW, SHORTEST, supply_volts
+from .tuning import other_paths
 
 ROUTE = ("lines of the foot", "speed of the foot")
 """What every figure along lines rests on."""
@@ -22,8 +23,10 @@ CHOICES = {
         f"{OWN_SPEED:g} m/s at most", "twice the printed mean of 0.2 m/s, bang-bang; that of figures 5 to 10 is not "
         "printed",
     ),
-    "supply": Choice("24 V", "plausible for the motors"),
-    "paths of the foot": Choice("64 random lines to and fro, means of 5 to 15 cm/s", "as the environment draws them"),
+    "supply": Choice(f"{supply_volts():g} V", "plausible for the motors"),
+    "paths of the foot": Choice(
+        f"{len(other_paths())} random lines to and fro, means of 5 to 15 cm/s", "as the environment draws them"
+    ),
     "gains": Choice("configs/actuator/silo4.yaml and silo4_pd.yaml", "a search for the PID, by hand for the PD"),
     "period": Choice("2 ms", "plausible for firmware"),
 }  # fmt: skip

@@ -210,6 +210,11 @@ def by_efficiency(row: Contributions) -> np.ndarray:
     return (1.0 / np.array(EFFICIENCY) - 1.0) * row.constant
 
 
+def supply_volts() -> float:
+    """Voltage of the assumed supply [V]."""
+    return float(chains_of("silo4")[JOINTS[0]].value("supply.volts"))
+
+
 def needed_volts(found: Contributions) -> float:
     """Largest voltage that a motor needs for a motion [V]."""
     chains, rate = chains_of("silo4"), np.gradient(found.q, found.time, axis=0)

@@ -27,6 +27,7 @@ from .rows import (
     table_rows,
 )
 from .tracking import IDEAL, PID, control_rows, controllers, search_lines, search_on, tracking_lines
+from .tuning import OTHER_SECONDS, other_paths
 
 DRAWN_AT = (0.3, OWN_SPEED)  # [m/s] speeds at which the lines are drawn again
 EVALUATIONS = 140  # of the search that goes on from the PID's gains
@@ -58,8 +59,9 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
     by_seed = {speed: worst_by_seed(analysis, speed, LINES, SEEDS) for speed in DRAWN_AT}
     say("symbols beside MuJoCo")
     gaps = against_engine()
-    say("controllers on 64 paths")
-    tracking = controllers(analysis, min(seconds, 3.0))
+    followed = min(seconds, OTHER_SECONDS)
+    say(f"controllers on {len(other_paths())} paths")
+    tracking = controllers(analysis, followed)
     say(f"{EVALUATIONS} more simulations of the search for the PID")
     search = search_on(analysis, EVALUATIONS)
     rows = [
@@ -80,7 +82,12 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
     result = {
         **PAPER.document(rows),
         "tables": {name: "\n".join(text).rstrip() for name, text in tables.items()},
-        "figures": {"ideal": tracking[IDEAL]["rms"] / tracking[PID]["rms"], "beyond": tracking[PID]["beyond"]},
+        "figures": {
+            "ideal": tracking[IDEAL]["rms"] / tracking[PID]["rms"],
+            "beyond": tracking[PID]["beyond"],
+            "paths": len(other_paths()),
+            "followed": followed,
+        },
         "sweep": [asdict(sweep) for sweep in sweeps],
         "worst_by_seed": {f"{speed:g}": worst for speed, worst in by_seed.items()},
         "shares_of_the_motor_torque": {f"{speed:g}": shares(items) for speed, items in found.items()},

@@ -26,13 +26,14 @@ from .paper import (
     own_shares,
     peak,
     straightness,
+    supply_volts,
 )
 
 B_M = {"joint_1": 1.77e-4, "joint_2": 9.14e-4, "joint_3": 3.0e-4}  # [N.m.s/rad] table V
 FREQUENCIES = {"joint_1": (3.5e-3,), "joint_2": (3.5e-3, 0.071, 1.0), "joint_3": (3.5e-3, 0.071, 1.0)}
 """omega of tables II to IV, per radian of the motor."""
 PERIODS = ("of the joint", "of the planetary gear", "of the motor")
-VOLTS = (12.0, 24.0, 48.0)
+OTHER_SUPPLIES = (0.5, 2.0)  # times the assumed one
 FAST_LINES = 30
 EXACT = 1e-9
 INPUTS: Mark = "follows from the inputs"
@@ -395,21 +396,22 @@ def linearity_rows(analysis: Analysis, found: Sequence[Contributions]) -> list[R
 
 def speed_rows(analysis: Analysis) -> list[Row]:
     """Section 4: mean speeds of the foot, as the fastest that the motors allow."""
-    lines = analysis.lines(FAST_LINES, horizontal=True)
+    lines, supply = analysis.lines(FAST_LINES, horizontal=True), supply_volts()
+    voltages = (supply, *(factor * supply for factor in OTHER_SUPPLIES))
     rows = []
     for name, printed_speed, straight in (
         ("mean speed of the foot on a straight line", 0.2, False),
         ("mean speed of the foot, each joint straight to its angle", 0.4, True),
     ):
-        speeds = {volts: [fastest(analysis, line, volts, straight) for line in lines] for volts in VOLTS}
+        speeds = {volts: [fastest(analysis, line, volts, straight) for line in lines] for volts in voltages}
         medians = {volts: float(np.median(values)) for volts, values in speeds.items()}
         rows.append(
             Row(
-                name, "4", printed_speed, medians[24.0], "predicted", "m/s", within=half_digit(printed_speed, 1),
+                name, "4", printed_speed, medians[supply], "predicted", "m/s", within=half_digit(printed_speed, 1),
                 judged="half a printed digit; the voltage is assumed", rests=("lines of the foot", "supply"),
-                sensitivity=tuple(Otherwise(f"{volts:g} V", medians[volts]) for volts in VOLTS if volts != 24.0),
-                note=f"the fastest bang-bang motion at 24 V (assumed), median of {FAST_LINES} lines "
-                f"({min(speeds[24.0]):.2f} to {max(speeds[24.0]):.2f})",
+                sensitivity=tuple(Otherwise(f"{volts:g} V", medians[volts]) for volts in voltages[1:]),
+                note=f"the fastest bang-bang motion at {supply:g} V (assumed), median of {FAST_LINES} lines "
+                f"({min(speeds[supply]):.2f} to {max(speeds[supply]):.2f})",
             )
         )  # fmt: skip
     return rows

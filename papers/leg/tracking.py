@@ -9,19 +9,20 @@ import numpy as np
 from ...actuators import Chain
 from ...envs.leg.kinematics import angles, lengthening
 from ...envs.leg.path import BOX_HIGH, BOX_LOW
-from ...envs.leg.robot import JOINTS, chains_of
+from ...envs.leg.robot import chains_of
 from ..published import Otherwise, Row
 from .choices import CONTROL
 from .control import Lines, Model, errors, rms, with_gains
 from .dynamics import gravity
-from .paper import Analysis, linear, needed_volts
-from .tuning import OWN_SECONDS, further, other_paths, own_paths
+from .paper import Analysis, linear, needed_volts, supply_volts
+from .tuning import OTHER_SECONDS, OWN_SECONDS, further, other_paths, own_paths
 
 PID, IDEAL, PD = "PID, a search's result", "ideal servos", "PD"
 WITHOUT = "PD and computed torque without friction"
 WITH = "PD and computed torque with friction"
 WHOLE = "the same, with the whole perturbation (25)"
 SLICK = "without friction in the leg: "
+WITHIN, ALL = f"within {supply_volts():g} V", f"all {len(other_paths())} paths"
 SIGNIFICANT, ALIKE = 2.0, 1.1  # times the other error
 
 
@@ -36,7 +37,7 @@ def perturbation_lines(analysis: Analysis) -> Lines:
 
 def within_supply(analysis: Analysis, commands: np.ndarray) -> np.ndarray:
     """Which paths (n, 7) the assumed supply can follow (n,): no motor needs more than its voltage."""
-    volts = chains_of("silo4")[JOINTS[0]].find("supply").volts
+    volts = supply_volts()
     return np.array([needed_volts(analysis.in_time(row[:6].reshape(2, 3), float(row[6]))) <= volts for row in commands])
 
 
@@ -51,7 +52,7 @@ def figures(off: np.ndarray, able: np.ndarray) -> dict[str, float]:
 
 
 def controllers(analysis: Analysis, seconds: float) -> dict[str, dict[str, float]]:
-    """:func:`figures` of each controller on the same 64 paths."""
+    """:func:`figures` of each controller on the same paths."""
     command, lines = other_paths(), perturbation_lines(analysis)
     able, direct = within_supply(analysis, command), chains_of("silo4_pd")
     slick = {name: chain.without_stage("meshing") for name, chain in direct.items()}
@@ -74,7 +75,7 @@ def search_on(analysis: Analysis, evaluations: int) -> dict[str, dict[str, dict[
     """Figures of the shipped PID, and of one that so many more simulations find, on own and on other paths."""
     gains, preview = further(evaluations)
     found = {}
-    for name, command, seconds in (("own", own_paths(), OWN_SECONDS), ("other", other_paths(), 3.0)):
+    for name, command, seconds in (("own", own_paths(), OWN_SECONDS), ("other", other_paths(), OTHER_SECONDS)):
         able = within_supply(analysis, command)
         found[name] = {
             "shipped": figures(errors(chains_of("silo4"), command, seconds), able),
@@ -98,7 +99,7 @@ def control_rows(tracking: Mapping[str, Mapping[str, float]]) -> list[Row]:
             f"{times:.0f} times the error", "predicted", agrees=times > SIGNIFICANT,
             judged="assumed: twice the error", rests=CONTROL, note=known,
             sensitivity=(
-                Otherwise(f"all 64 paths, {beyond:.0f} of them beyond the supply", f"{every:.1f} times the error"),
+                Otherwise(f"{ALL}, {beyond:.0f} of them beyond the supply", f"{every:.1f} times the error"),
             ),
             rival=Otherwise("a leg without friction", f"{slick:.1f} times the error", slick > SIGNIFICANT),
         ),
@@ -115,7 +116,7 @@ def tracking_lines(tracking: Mapping[str, Mapping[str, float]]) -> list[str]:
     """The controllers as lines of text."""
     width = max(map(len, tracking)) + 2
     lines = [
-        f"{'error of the foot [mm]':{width}s}{'paths within 24 V':>19s}{'all 64 paths':>19s}",
+        f"{'error of the foot [mm]':{width}s}{f'paths {WITHIN}':>19s}{ALL:>19s}",
         " " * width + f"{'rms':>10s}{'largest':>9s}" * 2,
     ]
     for name, row in tracking.items():
@@ -129,6 +130,6 @@ def search_lines(search: Mapping[str, Mapping[str, Mapping[str, float]]], evalua
     lines = [f"rms of the PID [mm], shipped and after {evaluations} more simulations of its search"]
     for name, key in (("own", "rms"), ("other", "rms"), ("other", "rms_all")):
         before, after = (search[name][which][key] for which in ("shipped", "searched"))
-        label = f"{name} paths" + (", all" if key == "rms_all" else ", within 24 V")
+        label = f"{name} paths" + (", all" if key == "rms_all" else f", {WITHIN}")
         lines.append(f"  {label:26s}{1e3 * before:.4f} to {1e3 * after:.4f}, {after / before - 1.0:+.0%}")
     return [*lines, ""]

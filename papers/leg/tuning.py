@@ -23,6 +23,7 @@ STARTS = ((60.0, 300.0, 0.8), (200.0, 2000.0, 2.0))  # duty per rad, per rad s, 
 MOST = np.log([9e3, 9e5, 900.0] * 3)
 MILLISECOND = 1e-3
 OWN_SECONDS = 1.6  # that a path is followed in a search
+OTHER_SECONDS = 3.0  # that others are, at most
 LARGE = np.array([0.7, 1.0, -0.7] * 3 + [2.0])  # first steps of a search: of log gains, and of the preview [ms]
 SMALL = np.array([0.2, 0.3, -0.2] * 3 + [0.5])  # of one that goes on
 

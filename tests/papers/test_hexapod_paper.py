@@ -11,7 +11,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.robot import VERTICAL, coordinate
 from sealegs.papers.hexapod.choices import OVERCOME
-from sealegs.papers.hexapod.friction_bench import breakaway, steady
+from sealegs.papers.hexapod.friction_bench import breakaway, largest_bristle_damping, steady
 from sealegs.papers.hexapod.paper import (
     Machine,
     Standing,
@@ -143,6 +143,22 @@ def test_viscous_friction_as_assumed_is_not_small_and_bristles_are_dissipative()
     holds = {row.name: row.holds for row in arithmetic_rows()}
     assert holds["bristle damping of 0.02 N.s/m is dissipative"]
     assert not holds["viscous friction is small beside dry friction"]
+
+
+def test_bristles_give_back_no_more_than_they_stored_up_to_the_bound_and_do_beyond_it() -> None:
+    coulomb, stribeck, viscous, stribeck_speed = 110.0, 740.0, 3000.0, 1e-4
+    force = np.linspace(-coulomb - stribeck, coulomb + stribeck, 401)[:, None]
+    speed = np.concatenate([-np.logspace(-8.0, 3.0, 200), np.logspace(-8.0, 3.0, 200)])
+    limit = coulomb + stribeck * np.exp(-((speed / stribeck_speed) ** 2))
+    bristles = speed - np.abs(speed) * force / limit
+    bound = largest_bristle_damping(coulomb, stribeck, viscous)
+
+    def lost(damping: float) -> float:
+        power = (force + damping * bristles + viscous * speed) * speed
+        return float((power - force * bristles).min())
+
+    assert lost(0.999 * bound) >= 0.0
+    assert lost(1.1 * bound) < 0.0
 
 
 @pytest.mark.long

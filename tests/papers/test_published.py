@@ -24,6 +24,7 @@ from sealegs.papers.published import (
 )
 
 from docs.generate import papers as pages
+from docs.generate.templates import PAGES
 
 ROWS = [
     Row(
@@ -149,7 +150,7 @@ def test_the_assumed_numbers_of_a_robot_are_its_choices() -> None:
 
 @pytest.mark.parametrize("robot", pages.robots())
 def test_a_page_is_that_of_the_results(robot: str) -> None:
-    written = (pages.PAGES / f"{robot}.md").read_text(encoding="utf-8")
+    written = (PAGES / f"{robot}.md").read_text(encoding="utf-8")
     assert written == pages.page(robot), "run python -m docs.generate.papers"
 
 
