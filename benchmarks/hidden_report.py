@@ -14,6 +14,10 @@ from scipy.stats import binomtest
 from benchmarks.hidden import SURE, all_names, bounded, coverage, outcome, within_tolerance
 
 OUTCOMES = ("right", "rival", "not identifiable", "nothing", "unsure", "wrong")
+AT_THE_NOISE = 1.2
+"""Noise floors up to which the extended model is wanted on unseen data."""
+SLOW = 120.0
+"""Seconds up to which a diagnosis is wanted."""
 MEANING = {
     "right": "right name first",
     "rival": "right name among rivals that are reported as inseparable",
@@ -89,6 +93,48 @@ def share(count: int, of: int) -> str:
     return f"{count} of {of} ({100 * count / of:.0f} %; {100 * inside.low:.0f} to {100 * inside.high:.0f} %)"
 
 
+def counts(rows: Sequence[dict[str, Any]]) -> dict[str, tuple[int, int]]:
+    """What the bars are set for, each as how many of how many; what has no case is left out.
+
+    ``plain`` are clear and moderate effects, ``real`` those of them that are beyond the tolerance of a number.
+    """
+    alone = [row for row in rows if kind(row) in ("clear", "moderate", "faint")]
+    plain = [row for row in alone if kind(row) != "faint"]
+    faint = [row for row in alone if kind(row) == "faint"]
+    real = [row for row in plain if not within_tolerance(row)]
+    nulls, pairs, strangers = ([row for row in rows if kind(row) == name] for name in ("null", "pair", "stranger"))
+    visible = [row for row in strangers if magnitude(row) != "faint"]
+    both = [row for row in pairs if set(row["effects"]) <= set(named(row))]
+    honest = sum(outcome(row) in ("right", "not identifiable") for row in faint)
+    told = [bounded(row) for row in faint if outcome(row) == "nothing"]
+    covered = [c[0] for row in plain if outcome(row) == "right" and (c := coverage(row))]
+    over = [gap["extended"] / gap["noise_floor"] for row in rows if kind(row) == "clear" and (gap := row["gap"])]
+
+    def first(of: Sequence[dict[str, Any]]) -> tuple[int, int]:
+        return sum(bool(set(row["effects"]) & set(named(row)[:1])) for row in of), len(of)
+
+    found = {
+        "plain, first": first(plain),
+        "real, first": first(real),
+        "plain, trusted": (sum(outcome(row) == "right" for row in plain), len(plain)),
+        "plain, false": (sum(bool(unwanted(row)) for row in plain), len(plain)),
+        "faint, honest": (honest, len(faint)),
+        "faint, bounded": (honest + told.count(True), len(faint)),
+        "faint, false": (sum(bool(unwanted(row)) for row in faint), len(faint)),
+        "nulls, false": (sum(bool(named(row)) for row in nulls), len(nulls)),
+        "nulls, quiet": (sum(row["verdict"] == "nothing to explain" for row in nulls), len(nulls)),
+        "pairs, named": (len(both), len(pairs)),
+        "pairs, trusted": (sum(row["verdict"] in ("explained", "partly explained") for row in both), len(pairs)),
+        "pairs, false": (sum(bool(unwanted(row)) for row in pairs), len(pairs)),
+        "strangers, flagged": (sum(map(flagged, strangers)), len(strangers)),
+        "visible strangers, flagged": (sum(map(flagged, visible)), len(visible)),
+        "covered": (sum(covered), len(covered)),
+        "clear, at the noise": (sum(value <= AT_THE_NOISE for value in over), len(over)),
+        "slow": (sum(row["seconds"] > SLOW for row in rows), len(rows)),
+    }
+    return {name: value for name, value in found.items() if value[1]}
+
+
 def summary(rows: Sequence[dict[str, Any]]) -> str:
     """How often which outcome, as markdown."""
     lines = [
@@ -101,6 +147,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
             count = Counter(outcome(row) for row in mine)
             lines.append(f"| {size} | {len(mine)} | " + " | ".join(str(count[o]) for o in OUTCOMES) + " |")
     lines.append("")
+    found = counts(rows)
     if hollow := [row for row in rows if kind(row) in ("clear", "moderate", "faint") and within_tolerance(row)]:
         keys = ", ".join(f"{row['key']} ({outcome(row)})" for row in hollow)
         lines.append(
@@ -109,61 +156,52 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         )
     alone = [row for row in rows if kind(row) in ("clear", "moderate", "faint")]
     if absorbed := [row for row in alone if outcome(row) == "nothing"]:
-        most = max(row["gap"]["extended"] / row["gap"]["noise_floor"] for row in absorbed)
         lines.append(
             f"- where there was nothing to explain ({len(absorbed)}), the nominal model, its numbers tuned within "
-            f"their tolerance, is at most {most:.2f} noise floors from data that nothing was fitted to"
+            f"their tolerance, is at most {most_absorbed(rows):.2f} noise floors from data that nothing was fitted to"
         )
-    plain = [row for row in alone if kind(row) != "faint"]
-    if plain:
-        first = [row for row in plain if set(row["effects"]) & set(named(row)[:1])]
-        real = [row for row in plain if not within_tolerance(row)]
+    if "plain, first" in found:
         lines.append(
-            f"- clear and moderate, right name first, with or without a rival: {share(len(first), len(plain))}; "
-            f"without those within the tolerance of a number {share(sum(row in real for row in first), len(real))}; "
-            f"with a verdict that trusts it {share(sum(outcome(row) == 'right' for row in first), len(plain))}"
+            f"- clear and moderate, right name first, with or without a rival: {share(*found['plain, first'])}; "
+            f"without those within the tolerance of a number {share(*found['real, first'])}; "
+            f"with a verdict that trusts it {share(*found['plain, trusted'])}"
         )
     if faint := [row for row in alone if kind(row) == "faint"]:
-        good = sum(outcome(row) in ("right", "not identifiable") for row in faint)
-        told = [bounded(row) for row in faint if outcome(row) == "nothing"]
-        wrong = sum(bool(unwanted(row)) for row in faint)
+        low = sum(bounded(row) is False for row in faint if outcome(row) == "nothing")
         lines.append(
-            f"- faint, right or 'not identifiable': {share(good, len(faint))}; with 'nothing to explain' where the "
-            f"bound that is told holds: {share(good + told.count(True), len(faint))} (told, and too low: "
-            f"{told.count(False)}); a cause that is not hidden named with "
-            f"confidence {SURE:g} or more: {share(wrong, len(faint))}"
+            f"- faint, right or 'not identifiable': {share(*found['faint, honest'])}; with 'nothing to explain' where "
+            f"the bound that is told holds: {share(*found['faint, bounded'])} (told, and too low: {low}); a cause that "
+            f"is not hidden named with confidence {SURE:g} or more: {share(*found['faint, false'])}"
         )
-    if false := [row for row in plain if unwanted(row)]:
+    if false := [row for row in alone if kind(row) != "faint" and unwanted(row)]:
         keys = ", ".join(f"{row['key']} ({', '.join(unwanted(row))})" for row in false)
         lines.append(
             f"- clear and moderate, a cause that is not hidden named with confidence {SURE:g} or more, most of them "
-            f"beside the right one: {share(len(false), len(plain))}: {keys}"
+            f"beside the right one: {share(*found['plain, false'])}: {keys}"
         )
-    if nulls := [row for row in rows if kind(row) == "null"]:
-        false = sum(bool(named(row)) for row in nulls)
-        quiet = sum(row["verdict"] == "nothing to explain" for row in nulls)
-        lines.append(f"- nulls with a false cause: {share(false, len(nulls))}, verdict 'nothing to explain' {quiet}")
-    if pairs := [row for row in rows if kind(row) == "pair"]:
-        both = [row for row in pairs if set(row["effects"]) <= set(named(row))]
-        stated = sum(row["verdict"] in ("explained", "partly explained") for row in both)
+    if "nulls, false" in found:
         lines.append(
-            f"- pairs, both named: {share(len(both), len(pairs))}, of them with a verdict that trusts both: {stated}"
+            f"- nulls with a false cause: {share(*found['nulls, false'])}, verdict 'nothing to explain' "
+            f"{found['nulls, quiet'][0]}"
+        )
+    if "pairs, named" in found:
+        lines.append(
+            f"- pairs, both named: {share(*found['pairs, named'])}, of them with a verdict that trusts both: "
+            f"{found['pairs, trusted'][0]}"
         )
     if strangers := [row for row in rows if kind(row) == "stranger"]:
+        inside, of = found.get("visible strangers, flagged", (0, 0))
         lines.append(
-            f"- strangers flagged as unexplained: {share(sum(map(flagged, strangers)), len(strangers))}; of them "
-            f"{sum(flagged(row) for row in strangers if magnitude(row) != 'faint')} of the "
-            f"{sum(magnitude(row) != 'faint' for row in strangers)} clear and moderate ones; a known cause named with "
-            f"confidence {SURE:g} or more: {sum(confident(row) for row in strangers)}"
+            f"- strangers flagged as unexplained: {share(*found['strangers, flagged'])}; of them {inside} of the {of} "
+            f"clear and moderate ones; a known cause named with confidence {SURE:g} or more: "
+            f"{sum(confident(row) for row in strangers)}"
         )
-    covered = [
-        c for row in rows if kind(row) in ("clear", "moderate") and outcome(row) == "right" and (c := coverage(row))
-    ]
-    if covered:
-        inside, error = sum(c[0] for c in covered), 100 * np.median([c[1] for c in covered])
+    if "covered" in found:
+        covered = [c[1] for row in rows if kind(row) in ("clear", "moderate") and outcome(row) == "right"
+                   and (c := coverage(row))]  # fmt: skip
         lines.append(
             f"- parameters of right causes, clear and moderate: interval covers the truth in "
-            f"{share(inside, len(covered))}, median error {error:.1f} %"
+            f"{share(*found['covered'])}, median error {100 * np.median(covered):.1f} %"
         )
     if single := [row for row in rows if kind(row) == "clear" and row["gap"]]:
         over = {row["key"]: row["gap"]["extended"] / row["gap"]["noise_floor"] for row in single}
@@ -179,11 +217,17 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     seconds = np.array([row["seconds"] for row in rows])
     lines.append(
         f"- time per diagnosis of three 24 s runs on one core: median {np.median(seconds):.0f} s, largest "
-        f"{seconds.max():.0f} s, above 120 s {np.sum(seconds > 120)} of {len(seconds)}"
+        f"{seconds.max():.0f} s, above {SLOW:g} s {found['slow'][0]} of {len(seconds)}"
     )
     if revisions := sorted({row["revision"] for row in rows if "revision" in row}):
         lines.append(f"- revision of gap, actuators and the plant: {', '.join(revisions)}")
     return "\n".join(lines) + "\n"
+
+
+def most_absorbed(rows: Sequence[dict[str, Any]]) -> float:
+    """Noise floors from unseen data, at most, of the nominal model where there was nothing to explain."""
+    absorbed = [row for row in rows if kind(row) in ("clear", "moderate", "faint") and outcome(row) == "nothing"]
+    return max(row["gap"]["extended"] / row["gap"]["noise_floor"] for row in absorbed)
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

@@ -6,6 +6,7 @@
 The ``<robot>.json`` of each folder is kept as ``benchmarks/results/paper_<robot>.json``. Then every page whose text
 lies in ``papers/<robot>/page.md`` is written from those results. A figure of the run stands there as a field, such as
 ``{hopping[period]:.3f}``, and a table as ``{rows}``; a paper's own tables are in its results under ``page_tables``.
+Fields of other results are as :mod:`docs.generate.templates` has them.
 """
 
 from __future__ import annotations
@@ -19,10 +20,9 @@ from typing import Any
 
 from sealegs.papers.published import MARKS
 
-CHECKOUT = Path(__file__).resolve().parents[2]
+from .templates import CHECKOUT, RESULTS, fill, table, write
+
 TEXTS = CHECKOUT / "papers"
-RESULTS = CHECKOUT / "benchmarks" / "results"
-PAGES = CHECKOUT / "docs" / "results"
 WRITTEN = """
 *Written by `python -m docs.generate.papers` from the results of `sealegs evaluate paper={robot}`; do not edit.*
 """
@@ -36,9 +36,9 @@ def robots() -> list[str]:
 def page(robot: str) -> str:
     """The text of docs/results/<robot>.md."""
     result = json.loads((RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
-    text = (TEXTS / robot / "page.md").read_text(encoding="utf-8")
     own = {name: table(found["head"], found["rows"]) for name, found in result.get("page_tables", {}).items()}
-    return text.format_map({**result, **tables(result), **own}) + WRITTEN.format(robot=robot)
+    figures = {**result, **tables(result), **own}
+    return fill(TEXTS / robot / "page.md", figures) + WRITTEN.format(robot=robot)
 
 
 def tables(result: Mapping[str, Any]) -> dict[str, str]:
@@ -110,13 +110,6 @@ def tables(result: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table of Markdown."""
-    head = tuple(head)
-    lines = [head, ("---",) * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
-
-
 def _name(row: Mapping[str, Any]) -> str:
     return f"{row['name']} [{row['unit']}]" if row["unit"] else row["name"]
 
@@ -139,8 +132,7 @@ def main(folders: Iterable[str]) -> None:
         for path in found:
             shutil.copyfile(path, RESULTS / f"paper_{path.name}")
     for robot in robots():
-        (PAGES / f"{robot}.md").write_text(page(robot), encoding="utf-8")
-        print(f"Written: {PAGES / robot}.md")
+        write(robot, page(robot))
 
 
 if __name__ == "__main__":
