@@ -2,41 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from .....common.extras import needed_for
 from ...types import Array, LogError
-from ..claims import ARM
-from ..clocks import held, in_force, offset_note
+from ..clocks import offset_note
 from ..recording import Recording
-from .robots import Robots, robots_of
-from .topics import Topic
+from .robots import Robots, is_led, robots_of
+from .topics import CONTROLLER, DYNAMIC, JOINT_STATE, TRAJECTORY, Topic, commands, joint_of, numbers, short
 from .trajectories import laid_out, trajectory_of
 
 ENDINGS = (".bag", ".db3", ".mcap")
-JOINT_STATE = "sensor_msgs/msg/JointState"
-TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-CONTROLLER, DYNAMIC = "JointTrajectoryControllerState", "DynamicJointState"
-COMMAND_WORDS = ("command", "cmd", "goal", "desired", "target", "reference", "setpoint")
-FIELDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
-"""Signals by the fields of joint states."""
-UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m", "goal": "rad", "goal_velocity": "rad/s"}
-COMMANDED, MEASURED = ("reference", "desired"), ("feedback", "actual")
+MEASURED_FIELDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
+COMMANDED_FIELDS = {"position": "goal", "effort": "torque_command"}
+"""Signals by the fields of joint states, measured and commanded."""
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m", "positions": "rad", "velocities": "rad/s"}
+REFERENCE, FEEDBACK = ("reference", "desired"), ("feedback", "actual")
 """Parts of a controller's state that say what it commands, and what it measured: by the new and by the old
 definition."""
-POINTS = {"positions": "position", "velocities": "velocity", "effort": "effort"}
+REFERENCE_FIELDS = {"positions": "goal", "velocities": "goal_velocity"}
+POINT_FIELDS = {"positions": "position", "velocities": "velocity", "effort": "effort"}
 """Fields of joint states by those of a point of a trajectory."""
-LISTS = ("name", "joint_names")
-"""Fields that name the joints of the lists beside them."""
-SKIPPED = ("header", "layout", "multi_dof_joint_names")
-WITHOUT_STAMP = 0.5
+MOST_UNSTAMPED = 0.5
 """Share of the messages of a topic without a stamp from which its stamps say nothing."""
-COVERED = 0.5
+LEAST_COVERED = 0.5
 """Share of the rows that a field of other messages must reach."""
 
 
@@ -56,62 +51,30 @@ def read_bag(path: Path) -> list[Recording]:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
 
-    topics: dict[str, Topic] = {}
+    messages: dict[str, _Messages] = {}
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             kinds = {connection.topic: connection.msgtype for connection in reader.connections}
             used = [c for c in reader.connections if _of_joints(c.topic, c.msgtype)]
             known = [c for c in used if c.msgtype in reader.typestore.fielddefs]
             for connection, logged, raw in reader.messages(connections=known) if known else ():
-                topic = topics.setdefault(connection.topic, Topic(connection.msgtype))
-                _take(topic, 1e-9 * logged, reader.deserialize(raw, connection.msgtype))
+                own = messages.setdefault(connection.topic, _Messages(connection.msgtype))
+                own.take(1e-9 * logged, reader.deserialize(raw, connection.msgtype))
     except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise LogError(f"{path}: cannot be read as a bag: {reason}") from None
+    left = {short(name): "its messages have no numbers of joints that are read" for name in messages
+            if messages[name].silent}  # fmt: skip
     unknown = {c.topic: c.msgtype for c in used if c not in known}
-    main, notes = _main(path, topics, kinds, unknown)
-    return [_Merged(topics, main, notes, unknown).recording(path)]
-
-
-def _take(topic: Topic, logged: float, message: Any) -> None:
-    """Add one message, which the bag received at a time [s]."""
-    if topic.is_a(TRAJECTORY):
-        if (points := trajectory_of(message)) is None:
-            return
-        topic.paths.append(points)
-    else:
-        topic.rows.append(dict(numbers(message)))
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    seconds = getattr(stamp, "sec", 0) + 1e-9 * getattr(stamp, "nanosec", 0)
-    topic.times.append(logged)
-    topic.stamps.append(float(seconds) if seconds > 0.0 else float("nan"))
-
-
-def numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by the path of their field; lists beside a list of joints by the joint's name.
-
-    What joints measure by the names of their interfaces is named as joint states name it: ``elbow.position``.
-    """
-    fields = {
-        key: getattr(message, key) for key in getattr(message, "__dataclass_fields__", {}) if not key.startswith("__")
-    }
-    joints = next((tuple(map(str, fields[key])) for key in LISTS if len(fields.get(key, ())) > 0), joints)
-    for key, value in fields.items():
-        if key in SKIPPED or key in LISTS:
-            continue
-        path = f"{prefix}{key}"
-        if isinstance(value, bool | int | float | np.number):
-            yield path, float(value)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-            named = joints if len(joints) == len(value) else [f"[{k}]" for k in range(len(value))]
-            for name, number in zip(named, value, strict=True):
-                yield f"{name}.{path}" if name[0] != "[" else f"{path}{name}", float(number)
-        elif isinstance(value, list) and len(value) == len(joints) and value and hasattr(value[0], "interface_names"):
-            for joint, one in zip(joints, value, strict=True):
-                for name, number in zip(one.interface_names, one.values, strict=False):
-                    yield f"{joint}.{name}", float(number)
-        elif hasattr(value, "__dataclass_fields__"):
-            yield from numbers(value, f"{path}.", joints)
+    left |= {short(name): f"the bag does not say how {kind} is laid out; converted to MCAP (`ros2 bag convert`) it does"
+             for name, kind in unknown.items()}  # fmt: skip
+    topics, notes = _on_one_clock({name: own for name, own in messages.items() if not own.silent})
+    main, stands_in = _main(path, topics, kinds, unknown)
+    table = _Table(topics, main)
+    table.merge()
+    name = path.stem if path.is_file() else path.name
+    notes = [*table.notes, *stands_in, *notes]
+    return [Recording(name, table.columns, path, "ros", {}, table.roles, tuple(notes), table.units, table.left | left)]
 
 
 def _of_joints(topic: str, kind: str) -> bool:
@@ -120,19 +83,60 @@ def _of_joints(topic: str, kind: str) -> bool:
     if kind == JOINT_STATE or plain.startswith("JointTrajectory"):
         return True
     words = ("Float64", "Float32", "JointState", "DynamicJointState", "MultiArray")
-    return plain.startswith(words) and (_commands(topic) or "state" in topic)
+    return plain.startswith(words) and (commands(topic) or "state" in topic)
 
 
-def _commands(topic: str) -> bool:
-    return any(word in topic.lower() for word in COMMAND_WORDS)
+class _Messages:
+    """Messages of one topic as they come: when the bag received each, its stamp [s], and its numbers or trajectory."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self.times: list[tuple[float, float]] = []
+        self.content: list[Any] = []
+
+    @property
+    def paths(self) -> bool:
+        return self.kind == TRAJECTORY
+
+    @property
+    def silent(self) -> bool:
+        return not any(self.content)
+
+    def take(self, logged: float, message: Any) -> None:
+        content = trajectory_of(message) if self.paths else dict(numbers(message))
+        if content is None:
+            return
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        seconds = getattr(stamp, "sec", 0) + 1e-9 * getattr(stamp, "nanosec", 0)
+        self.times.append((logged, float(seconds) if seconds > 0.0 else float("nan")))
+        self.content.append(content)
+
+    def topic(self, clock: int) -> Topic:
+        """The messages by one of both clocks; those without a time are left out."""
+        time = np.array(self.times)[:, clock]
+        order = [k for k in np.argsort(time, kind="stable") if np.isfinite(time[k]) and self.content[k]]
+        content = [self.content[k] for k in order]
+        if self.paths:
+            return Topic(self.kind, pd.DataFrame(index=time[order]), tuple(content))
+        return Topic(self.kind, pd.DataFrame(content, index=time[order]).dropna(axis=1, how="all"))
 
 
-def _short(topic: str) -> str:
-    """A topic as names of columns begin."""
-    return topic.strip("/").replace("/", ".")
+def _on_one_clock(messages: Mapping[str, _Messages]) -> tuple[dict[str, Topic], list[str]]:
+    """Topics by one clock, and notes which that is.
 
-
-# --- the topic whose messages are the rows ---------------------------------------------------------------------------
+    Headers are stamped by the clock of the simulation or of another computer, so they do not go with times of the
+    bag. The first stamps of a simulation may be missing: such messages are taken out. No trajectory is: each is a
+    command, and a stamp of zero asks a controller to start at once.
+    """
+    missing = {name: np.isnan([stamp for _, stamp in own.times]) for name, own in messages.items()}
+    bare = [name for name, none in missing.items()
+            if none.mean() > (0.0 if messages[name].paths else MOST_UNSTAMPED)]  # fmt: skip
+    notes = ["times are the stamps of the messages"]
+    notes += [f"{none.sum()} messages of {name} without a stamp are left out" for name, none in missing.items()
+              if none.any()]  # fmt: skip
+    if bare:
+        notes = [f"times are those at which the bag received the messages, since those of {bare[0]} have no stamp"]
+    return {name: own.topic(0 if bare else 1) for name, own in messages.items()}, notes
 
 
 def _main(
@@ -144,23 +148,19 @@ def _main(
         LogError: nothing says a position.
     """
     without = f"the bag has no {JOINT_STATE} with positions"
+    measured = {name: topic for name, topic in topics.items() if topic.with_positions() and not commands(name)}
 
-    def measured(kind: str) -> list[str]:
-        return [name for name, topic in topics.items()
-                if topic.is_a(kind) and not (kind == JOINT_STATE and _commands(name))
-                and any("position" in field for field in topic.names)]  # fmt: skip
+    def rank(name: str) -> tuple[bool, int, str]:  # an arm that is led by hand comes last
+        return not is_led(short(name).replace(".", "_")), len(topics[name].frame), name
 
-    def rank(name: str) -> tuple[bool, int, str]:
-        match = ARM.fullmatch(_short(name).replace(".", "_"))
-        return not (match and match[2]), len(topics[name].times), name  # an arm that is led by hand comes last
-
-    if found := measured(JOINT_STATE):
+    if found := [name for name, topic in measured.items() if topic.is_a(JOINT_STATE)]:
         return max(found, key=rank), []
-    if found := [name for name in measured(DYNAMIC) if topics[name].with_positions()]:
+    if found := [name for name, topic in measured.items() if topic.is_a(DYNAMIC)]:
         return max(found, key=rank), [f"{without}: {', '.join(found)} stands in"]
-    if made := _feedback({name: topic for name, topic in topics.items() if topic.is_a(CONTROLLER)}):
-        name, used, topics[made[0]] = made
-        return name, [f"{without}: {name} stands in, which is what {', '.join(used)} measured"]
+    if feedback := _feedback(topics):
+        name = f"{next(iter(feedback))}/feedback" if len(feedback) == 1 else "/controllers/feedback"
+        topics[name] = Topic(JOINT_STATE, pd.concat(feedback.values()).sort_index(kind="stable"))
+        return name, [f"{without}: {name} stands in, which is what {', '.join(feedback)} measured"]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items())[:6]) or "nothing"
     if unknown:
         there = ", ".join(f"{name} ({kind})" for name, kind in unknown.items())
@@ -172,130 +172,74 @@ def _main(
     raise LogError(f"{path}: has no {JOINT_STATE} with positions; it holds {there}.")
 
 
-def _parts(name: str) -> tuple[str, str, str]:
+def _parts(field: str) -> tuple[str, str, str]:
     """Joint, part and field of a number of a controller's state, as of ``elbow.reference.positions``."""
-    rest, _, last = name.rpartition(".")
+    rest, _, last = field.rpartition(".")
     joint, _, part = rest.rpartition(".")
     return joint, part, last
 
 
-def _feedback(topics: Mapping[str, Topic]) -> tuple[str, list[str], Topic] | None:
-    """What controllers measured as messages of joint states, after a name for it and the topics that it is of.
-
-    None where no controller says a position. Where several have a joint, it is of the first.
-    """
-    made, used, owner = Topic(JOINT_STATE), list[str](), dict[str, str]()
+def _feedback(topics: Mapping[str, Topic]) -> dict[str, pd.DataFrame]:
+    """What controllers measured, by topic, as joint states have it: a joint that several have is of the first."""
+    found: dict[str, pd.DataFrame] = {}
+    taken: set[str] = set()
     for name, topic in topics.items():
-        rows: list[dict[str, float]] = []
-        for row in topic.rows:
-            rows.append({})
-            for key, value in row.items():
-                joint, part, last = _parts(key)
-                if joint and part in MEASURED and last in POINTS:
-                    rows[-1].setdefault(f"{joint}.{POINTS[last]}", value)
-        own = Topic(JOINT_STATE, topic.times, topic.stamps, rows)
-        mine = {joint for joint in own.with_positions() if owner.setdefault(joint, name) == name}
-        if mine:
-            used.append(name)
-            made.times += own.times
-            made.stamps += own.stamps
-            made.rows += [{key: x for key, x in row.items() if key.rpartition(".")[0] in mine} for row in rows]
-    return ((f"{used[0]}/feedback" if len(used) == 1 else "/controllers/feedback"), used, made) if used else None
+        fields = {field: _parts(str(field)) for field in topic.frame} if topic.is_a(CONTROLLER) else {}
+        own = {field: f"{joint}.{POINT_FIELDS[last]}" for field, (joint, part, last) in fields.items()
+               if part in FEEDBACK and last in POINT_FIELDS and joint not in taken}  # fmt: skip
+        if any(field.endswith(".position") for field in own.values()):
+            found[name] = topic.frame[list(own)].rename(columns=own)
+            taken |= {*map(joint_of, own.values())}
+    return found
 
 
-# --- the table -------------------------------------------------------------------------------------------------------
-
-
-class _Merged:
+class _Table:
     """The table that topics make: joint states are its rows, and commands hold their last value there."""
 
-    def __init__(self, topics: dict[str, Topic], main: str, notes: list[str], unknown: Mapping[str, str]) -> None:
-        self.main, self.unknown, self.stands_in = main, unknown, main.endswith("/feedback")
-        self.silent = [name for name, topic in topics.items() if not (topic.names or topic.paths)]
-        self.topics = {name: topic for name, topic in topics.items() if name not in self.silent}
-        self.notes: list[str] = []
-        self.times, clock = self._one_clock()
-        self.of_clock = [*notes, *clock]
+    def __init__(self, topics: Mapping[str, Topic], main: str) -> None:
+        self.topics, self.main = topics, main
+        self.time: Array = np.zeros(0)
         self.columns: dict[str, Array] = {}
         self.roles: dict[str, str] = {}
         self.units: dict[str, str] = {}
         self.left: dict[str, str] = {}
-        self.commanded: list[str] = []
-        self.goals: dict[str, str] = {}  # what is the goal of a joint of the log
+        self.notes: list[str] = []
 
-    def _one_clock(self) -> tuple[dict[str, Array], list[str]]:
-        """Times of the messages of each topic [s], all by one clock, and notes which that is.
-
-        Headers are stamped by the clock of the simulation or of another computer, so they do not go with times of the
-        bag. The first stamps of a simulation may be missing: such messages are taken out.
-        """
-        missing = {name: np.isnan(topic.stamps) for name, topic in self.topics.items()}
-        # no trajectory is dropped: each is a command, and a stamp of zero asks a controller to start at once
-        bare = [name for name, none in missing.items()
-                if (none.any() if self.topics[name].paths else none.mean() > WITHOUT_STAMP)]  # fmt: skip
-        if bare:
-            note = f"times are those at which the bag received the messages, since those of {bare[0]} have no stamp"
-            return {name: np.array(topic.times) for name, topic in self.topics.items()}, [note]
-        notes = ["times are the stamps of the messages"]
-        for name, none in missing.items():
-            if count := int(none.sum()):
-                self.topics[name] = self.topics[name].only(~none)
-                notes.append(f"{count} messages of {name} without a stamp are left out")
-        return {name: np.array(topic.stamps) for name, topic in self.topics.items()}, notes
-
-    def recording(self, path: Path) -> Recording:
+    def merge(self) -> None:
         """All topics at the times of the joint states."""
-        states = {
-            self.main,
-            *(name for name, topic in self.topics.items() if topic.is_a(JOINT_STATE) and not _commands(name)),
-        }
-        states = {name: self.topics[name] for name in sorted(states) if not self._apart(self.times[name])}
-        robots = robots_of(states, self.times, self.main)
+        apart = {name: why for name, topic in self.topics.items() if (why := self._apart(topic))}
+        self.left |= {short(name): why for name, why in apart.items()}
+        near = {name: topic for name, topic in sorted(self.topics.items()) if name not in apart}
+        measured = {name: topic for name, topic in near.items()
+                    if name == self.main or (topic.is_a(JOINT_STATE) and not commands(name))}  # fmt: skip
+        robots = robots_of(measured, self.main)
         self._rows(robots.joints[self.main])
-        self.notes += self.of_clock
         for name in robots.joints:
-            if name != self.main and name not in robots.leaders:
+            if name != self.main:
                 called = ", ".join(robots.joints[name].values())
                 self.notes.append(f"{name} is of another robot, for its joints have the same names: {called}")
                 self._without(self._measured(name, robots.joints[name]), f"{name} has no value")
-        rest = {name: topic for name, topic in self.topics.items() if name not in robots.joints and not topic.paths}
-        for name, topic in rest.items():
-            if why := self._apart(self.times[name]):
-                self.left[_short(name)] = why
-            elif topic.is_a(CONTROLLER):
+        for name, topic in near.items():
+            if topic.is_a(CONTROLLER):
                 self._controller(name, topic, robots)
-            elif topic.is_a(DYNAMIC):
-                more = ", ".join(joint for joint in topic.with_positions() if joint not in robots.joints[self.main])
-                has = f", which does not have {more}" if more else ": it has its joints"
-                self.left[_short(name)] = f"{self.main} is taken{has}"
-            else:
+            elif topic.is_a(DYNAMIC) and name != self.main:
+                more = [joint for joint in topic.with_positions() if joint not in robots.joints[self.main]]
+                has = f", which does not have {', '.join(more)}" if more else ": it has its joints"
+                self.left[short(name)] = f"{self.main} is taken{has}"
+            elif name not in robots.joints and not topic.paths:
                 self._command(name, topic, robots)
-        for name, topic in self.topics.items():
+        for name, topic in near.items():
             if topic.paths:
                 self._trajectories(name, topic, robots)
-        for name in robots.leaders:
-            self._leader(name, robots.joints[name])
-        self.left |= {_short(name): "its messages have no numbers of joints that are read" for name in self.silent}
-        self.left |= {
-            _short(name): f"the bag does not say how {kind} is laid out; converted to MCAP (`ros2 bag convert`) it does"
-            for name, kind in self.unknown.items()
-        }
-        first = max((int(np.argmax(np.isfinite(self.columns[name]))) for name in self.commanded), default=0)
+        commanded = [values for column, values in self.columns.items() if self._commands(column)]
+        first = max((int(np.argmax(np.isfinite(values))) for values in commanded), default=0)
         if first:
             self.notes.append(f"the first {first} samples, before the first command, are left out")
             self._cut(np.arange(len(self.time)) >= first)
-        name = path.stem if path.is_file() else path.name
-        return Recording(
-            name,
-            columns=self.columns,
-            source=path,
-            kind="ros",
-            facts={},
-            roles=self.roles,
-            notes=tuple(self.notes),
-            units=self.units,
-            left=self.left,
-        )
+
+    def _commands(self, column: str) -> bool:
+        told = self.roles.get(column, "").rpartition(".")[2]
+        return told == "goal" or (not told and commands(column)) or told == "torque_command"
 
     def _add(self, column: str, values: Array, joint: str = "", signal: str = "", unit: str = "") -> None:
         self.columns[column] = values
@@ -308,56 +252,43 @@ class _Merged:
         self.time = self.time[keep]
         self.columns = {name: values[keep] for name, values in self.columns.items()}
 
-    def _apart(self, own: Array) -> str:
+    def _apart(self, topic: Topic) -> str:
         """Why a topic cannot be held at the times of the joint states; empty where the two overlap."""
-        main = self.times[self.main]
-        gap = max(float(own.min() - main.max()), float(main.min() - own.max()))
-        when = "after the last" if own.min() > main.max() else "before the first"
-        return (
-            f"its times do not overlap with those of {self.main}: all are {gap:.3g} s {when} of them"
-            if gap > 0.0
-            else ""
-        )
+        main, own = self.topics[self.main].time, topic.time
+        last = max((start + path.after[-1] for start, path in zip(own, topic.paths, strict=False)), default=own[-1])
+        gap = max(float(own[0] - main[-1]), float(main[0] - last))
+        when = "after the last" if own[0] > main[-1] else "before the first"
+        why = f"its times do not overlap with those of {self.main}: all are {gap:.3g} s {when} of them"
+        return why if gap > 0.0 else ""
 
-    def _held(self, name: str, topic: Topic, column: str) -> Array | None:
-        """A command at the rows: the one that was in force over most of each; None where none ever was."""
-        times, values = topic.known(column, self.times[name])
-        if not len(times):
-            return None
-        out, late = in_force(times, values, self.time) if _commands(name) else (held(times, values, self.time), 0.0)
-        if not np.isfinite(out).any():
-            return None
-        if late > 1e-9 and (note := offset_note(name, f"{1e3 * late:.3g} ms")) not in self.notes:
-            self.notes.append(note)
-        return out
+    # --- what was measured -------------------------------------------------------------------------------------------
 
     def _rows(self, names: Mapping[str, str]) -> None:
         """The joint states: rows, and their numbers; joints that only other messages name are brought onto these
         rows."""
-        topic, own, short = self.topics[self.main], self.times[self.main], _short(self.main)
+        topic = self.topics[self.main]
         lead, rest = topic.leading()
-        order = lead[np.argsort(own[lead], kind="stable")]
-        keep = order[np.concatenate([[True], np.diff(own[order]) > 0.0])]
-        self.time = own[keep]
-        self._add("stamp", own[keep], unit="s")
+        rows = topic.frame[lead]
+        rows = rows[~rows.index.duplicated()]
+        self.time = rows.index.to_numpy(np.float64)
+        self._add("stamp", self.time, unit="s")
         self.roles["stamp"] = "time"
         self.notes.append(f"samples are the messages of {self.main}")
-        there = self._measured(self.main, names, keep, rest)
-        among = [joint for joint in rest if any(name.startswith(f"{short}.{joint}.") for name in self.columns)]
+        there = self._measured(self.main, names, rows, rest)
+        among = [
+            joint for joint in rest if any(name.startswith(f"{short(self.main)}.{joint}.") for name in self.columns)
+        ]
         if among:
             self.notes.append(
                 f"messages of {self.main} name joints in turn: samples are those of the most joints, and "
                 f"{', '.join(among)} of other messages is linear between its own"
             )
-        elif len(lead) < len(topic.rows):
-            self.notes.append(
-                f"{len(topic.rows) - len(lead)} messages of {self.main} that name other joints are left out"
-            )
+        elif not lead.all():
+            self.notes.append(f"{int((~lead).sum())} messages of {self.main} that name other joints are left out")
         self._without(there, "not all joints were measured")
-        self.columns["stamp"] = self.time - self.time[0]
 
     def _measured(
-        self, name: str, names: Mapping[str, str], rows: NDArray[np.intp] | None = None, rest: Sequence[str] = ()
+        self, name: str, names: Mapping[str, str], rows: pd.DataFrame | None = None, rest: Sequence[str] = ()
     ) -> NDArray[np.bool_]:
         """Take what joint states measured, linear between their messages where these are not the rows themselves.
 
@@ -370,122 +301,98 @@ class _Merged:
         Returns:
             Where all that is linear has a value.
         """
-        short, topic, there = _short(name), self.topics[name], np.full(len(self.time), True)
-        for column in topic.names:
-            joint, _, last = column.rpartition(".")
-            linear = rows is None or joint in rest
-            values = topic.between(column, self.times[name], self.time) if linear else topic.column(column)[rows]
-            share = float(np.isfinite(values).mean())
-            if share and not (linear and share < COVERED):
-                there &= np.isfinite(values) | (not linear)
-                role, unit = FIELDS.get(last, ""), UNITS.get(last, "")
-                self._add(f"{short}.{column}", values, names.get(joint, joint), role, unit)
-            elif linear:
-                self.left[f"{short}.{column}"] = f"its messages have it along {100.0 * share:.0f} % of the samples"
+        topic, there = self.topics[name], np.full(len(self.time), True)
+        for field in map(str, topic.frame):
+            joint, _, last = field.rpartition(".")
+            column = f"{short(name)}.{field}"
+            if rows is not None and joint not in rest:
+                values = rows[field].to_numpy(np.float64)
+            else:
+                values = topic.between(field, self.time)
+                share = float(np.isfinite(values).mean())
+                if share < LEAST_COVERED:
+                    self.left[column] = f"its messages have it along {100.0 * share:.0f} % of the samples"
+                    continue
+                there &= np.isfinite(values)
+            if np.isfinite(values).any():
+                self._add(column, values, names.get(joint, joint), MEASURED_FIELDS.get(last, ""), UNITS.get(last, ""))
         return there
 
     def _without(self, there: NDArray[np.bool_], why: str) -> None:
         if there.any() and not there.all():
             self.notes.append(f"{int((~there).sum())} samples, at which {why}, are left out")
             self._cut(there)
-            self.columns["stamp"] = self.time - self.time[0]
+        self.columns["stamp"] = self.time - self.time[0]
+
+    # --- what was commanded ------------------------------------------------------------------------------------------
+
+    def _held(self, name: str, topic: Topic, field: str) -> Array:
+        """A command at the rows: the one that was in force over most of each."""
+        values, late = topic.in_force(field, self.time)
+        if commands(name) and late > 1e-9 and (note := offset_note(name, f"{1e3 * late:.3g} ms")) not in self.notes:
+            self.notes.append(note)
+        return values
 
     def _command(self, name: str, topic: Topic, robots: Robots) -> None:
         """A topic that is no state: its joint states are goals and torques, other numbers what their names say."""
-        short = _short(name)
-        for column in topic.names:
-            values = self._held(name, topic, column)
-            if values is None:
-                continue
-            joint, _, last = column.rpartition(".")
-            of_joint = topic.is_a(JOINT_STATE) and _commands(name) and last in FIELDS
-            owner = robots.owner(name, joint) if of_joint else None
-            signal = {"position": "goal", "effort": "torque_command"}.get(last, "") if owner else ""
-            self._add(
-                f"{short}.{column}", values, owner[1] if owner else joint, signal, UNITS[last] if of_joint else ""
-            )
-            if _commands(f"{short}.{column}") and np.isnan(values[0]):
-                self.commanded.append(f"{short}.{column}")
+        of_joints = topic.is_a(JOINT_STATE) and commands(name)
+        for field in map(str, topic.frame):
+            joint, _, last = field.rpartition(".")
+            owner = robots.owner(name, joint) if of_joints and last in MEASURED_FIELDS else None
+            signal = COMMANDED_FIELDS.get(last, "") if owner else ""
+            unit = UNITS.get(last, "") if of_joints else ""
+            values = self._held(name, topic, field)
+            if np.isfinite(values).any():
+                self._add(f"{short(name)}.{field}", values, owner[1] if owner else joint, signal, unit)
 
     def _controller(self, name: str, topic: Topic, robots: Robots) -> None:
         """What a controller says that it commands, as goals of the joints that the joint states have."""
-        short = _short(name)
-        for column in topic.names:
-            joint, part, last = _parts(column)
-            times, cells = topic.known(column, self.times[name])
-            values = held(times, cells, self.time) if len(times) else np.full(len(self.time), np.nan)
-            state, own = robots.owner(name, joint) or ("", joint)
-            if part == "time_from_start":
-                self.left[f"{short}.{part}"] = "a time along the trajectory, no clock"
-            elif joint not in robots.joints.get(state, {}) or not np.isfinite(values).any():
-                self.columns |= {f"{short}.{column}": values} if np.isfinite(values).any() else {}
-            elif f"{_short(state)}.{joint}.position" not in self.columns:
-                self.left[f"{short}.{joint}"] = f"{state} has its position along too few of the samples"
-            elif part in MEASURED:
-                self.left |= {} if self.stands_in else {f"{short}.{part}": f"{state} says what these joints measured"}
-            elif part not in COMMANDED or last not in ("positions", "velocities"):
-                which = f"{part}.{last}" if part in COMMANDED else part
-                self.left[f"{short}.{which}"] = "a value within the controller, which the log has no column for"
-            else:
-                self._reference(short, joint, part, last, own, values)
+        for field in map(str, topic.frame):
+            joint, part, last = _parts(field)
+            column, state, own = f"{short(name)}.{field}", *(robots.owner(name, joint) or ("", joint))
+            signal = REFERENCE_FIELDS.get(last, "") if part in REFERENCE else ""
+            values = self._held(name, topic, field) if signal else np.zeros(0)
+            if part in FEEDBACK:
+                why = "" if self.main.endswith("/feedback") else f"{state} says what these joints measured"
+                self.left |= {f"{short(name)}.{part}": why} if why else {}
+            elif not signal:
+                self.left[f"{short(name)}.{part}"] = "a value within the controller, which the log has no column for"
+            elif joint not in robots.joints.get(state, {}):
+                self._add(column, values)
+            elif f"{short(state)}.{joint}.position" not in self.columns:
+                self.left[f"{short(name)}.{joint}"] = f"{state} has its position along too few of the samples"
+            elif taken := self._goal_of(own, f"{short(name)}.{joint}.{part}.") if signal == "goal" else "":
+                self.left[f"{short(name)}.{joint}.{part}"] = f"{taken} is its goal as well, and is taken"
+            elif signal == "goal":
+                self._add(column, values, own, signal, UNITS[last])
+            elif (goal := self._goal_of(own)) and goal.startswith(f"{short(name)}."):
+                if np.isnan(values[np.isfinite(self.columns[goal])]).any():  # it would cost the samples between
+                    self.left[column] = "it begins after the goal"
+                else:
+                    self._add(column, values, own, signal, UNITS[last])
 
-    def _reference(self, short: str, joint: str, part: str, last: str, own: str, values: Array) -> None:
-        """A position or velocity that a controller commands: the first controller of a joint has it."""
-        goal = f"{short}.{joint}.{part}.positions"
-        if last == "positions" and self.goals.setdefault(own, goal) == goal:
-            self._goal(goal, values, own)
-        elif last == "positions":
-            self.left[f"{short}.{joint}.{part}"] = f"{self.goals[own]} is its goal as well, and is taken"
-        elif self.goals.get(own) == goal and np.isnan(values[np.isfinite(self.columns[goal])]).any():
-            # it would cost the samples between
-            self.left[f"{short}.{joint}.{part}.{last}"] = "it begins after the goal"
-        elif self.goals.get(own) == goal:
-            self._add(f"{short}.{joint}.{part}.{last}", values, own, "goal_velocity", UNITS["velocity"])
-
-    def _goal(self, column: str, values: Array, joint: str) -> None:
-        self._add(column, values, joint, "goal", UNITS["goal"])
-        if np.isnan(values[0]):
-            self.commanded.append(column)
+    def _goal_of(self, joint: str, but: str = "") -> str:
+        """The column that is the goal of a joint already; empty where there is none."""
+        goal = f"{joint.replace('/', '_')}.goal"
+        others = (name for name, role in self.roles.items() if role == goal)
+        return next((name for name in others if not (but and name.startswith(but))), "")
 
     def _trajectories(self, name: str, topic: Topic, robots: Robots) -> None:
         """The goals of a topic of trajectories, laid out in time."""
-        short, starts = _short(name), self.times[name]
-        ends = starts + np.array([one.after[-1] for one in topic.paths])
-        if why := self._apart(np.concatenate([starts, ends])):
-            self.left[short] = why
-            return
-        joints = dict.fromkeys(joint for one in topic.paths for joint in one.joints)
-        owners = {joint: robots.owner(name, joint) or ("", "") for joint in joints}
-        positions = {
-            joint: self.columns.get(f"{_short(state)}.{joint}.position") for joint, (state, _) in owners.items()
-        }
-        measured = {joint: values for joint, values in positions.items() if values is not None}
+        owners = {joint: robots.owner(name, joint) or ("", "") for path in topic.paths for joint in path.joints}
+        measured = {joint: self.columns[column] for joint, (state, _) in owners.items()
+                    if (column := f"{short(state)}.{joint}.position") in self.columns}  # fmt: skip
         added = False
-        for joint, goal in laid_out(topic.paths, starts, self.time, measured).items():
-            own = owners[joint][1]
-            if own in self.goals and any(part in self.goals[own] for part in COMMANDED):
+        for joint, goal in laid_out(topic.paths, topic.time, self.time, measured).items():
+            own, taken = owners[joint][1], self._goal_of(owners[joint][1])
+            if any(f".{part}." in taken for part in REFERENCE):
                 # what the controller says that it commanded is better than what it was asked for
-                self.left[f"{short}.{joint}"] = f"points on the way to {self.goals[own]}, which is taken"
+                self.left[f"{short(name)}.{joint}"] = f"points on the way to {taken}, which is taken"
             elif np.isfinite(goal).any():
-                self._goal(f"{short}.{joint}.goal", goal, own)
+                self._add(f"{short(name)}.{joint}.goal", goal, own, "goal", UNITS["position"])
                 added = True
         if added:
             self.notes.append(
                 f"goals of {name} go to its points, each `time_from_start` after its message, from the goal before or, "
                 "at first, the measured position"
             )
-
-    def _leader(self, name: str, names: Mapping[str, str]) -> None:
-        """Positions of an arm that is led by hand are the goals of the one that follows it, where it has no other."""
-        short, topic, added = _short(name), self.topics[name], False
-        for column in topic.names:
-            joint, _, last = column.rpartition(".")
-            own = names.get(joint, joint)
-            if last != "position" or f"{own.replace('/', '_')}.goal" in self.roles.values():
-                self.left[f"{short}.{column}"] = f"{last} of the arm that leads"
-                continue
-            times, values = topic.known(column, self.times[name])
-            self._goal(f"{short}.{column}", in_force(times, values, self.time)[0], own)
-            added = True
-        if added:
-            self.notes.append(f"{name} is led by hand: its positions are the goals of the arm that follows it")

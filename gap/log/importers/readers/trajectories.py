@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from ...types import Array
 
@@ -91,14 +91,8 @@ def _followed(one: Trajectory, joint: str, start: float, at: Array, before: tupl
     if times[0] > start and np.isfinite(before[0]):
         times, points = np.append(start, times), np.append(before[0], points)
         slopes = None if slopes is None else np.append(before[1], slopes)
-    on_way = (at >= times[0]) & (at < times[-1])
-    if slopes is None or len(times) == 1:
-        values = np.interp(at, times, points)
-        late = np.clip(np.searchsorted(times, at, side="right"), 1, max(len(times) - 1, 1))
-        rate = (
-            (points[late] - points[late - 1]) / (times[late] - times[late - 1]) if len(times) > 1 else np.zeros(len(at))
-        )
-    else:
-        cubic, within = CubicHermiteSpline(times, points, slopes), np.clip(at, times[0], times[-1])
-        values, rate = cubic(within), cubic(within, 1)
-    return np.where(at < times[0], np.nan, values), np.where(on_way, rate, 0.0)
+    if len(times) == 1:
+        return np.where(at < times[0], np.nan, points[0]), np.zeros(len(at))
+    curve = make_interp_spline(times, points, k=1) if slopes is None else CubicHermiteSpline(times, points, slopes)
+    within, on_way = np.clip(at, times[0], times[-1]), (at >= times[0]) & (at < times[-1])
+    return np.where(at < times[0], np.nan, curve(within)), np.where(on_way, curve(within, 1), 0.0)
