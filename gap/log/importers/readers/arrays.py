@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import pickle
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +19,6 @@ from .trees import recordings_of
 HDF5, TENSORS, PICKLES = (".h5", ".hdf5"), (".pt", ".pth"), (".pkl", ".pickle")
 DAMAGED = (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError)
 """What libraries raise of a file that is torn, or of what they do not know."""
-STORAGES = {"FloatStorage": "<f4", "DoubleStorage": "<f8", "HalfStorage": "<f2", "LongStorage": "<i8",
-            "IntStorage": "<i4", "ShortStorage": "<i2", "CharStorage": "<i1", "ByteStorage": "<u1",
-            "BoolStorage": "?"}  # fmt: skip
 MATLAB73 = "Reading MATLAB files of version 7.3"
 
 
@@ -144,65 +139,29 @@ def _group(group: Any, is_text: Any) -> dict[str, Any]:
     return out
 
 
-# --- tensors of PyTorch ----------------------------------------------------------------------------------------------
-
-
 def read_tensors(path: Path) -> list[Recording]:
     """The recordings of a file of ``torch.save``: a mapping of tensors. Nothing in the file is run.
 
     Raises:
         LogError: it is damaged, or holds anything but tensors, numbers and words.
+        MissingPackage: PyTorch is not installed.
     """
+    with needed_for("Reading tensors of PyTorch"):
+        import torch
     try:
         regular(path, RECORDING)
-        with zipfile.ZipFile(path) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > RECORDING:
-                raise LogError(f"{path}: unpacks to more than {RECORDING // 2**20} MiB, the most that is read.")
-            name = next(name for name in archive.namelist() if name.rpartition("/")[2] == "data.pkl")
-            content = _Tensors(archive, name.removesuffix("data.pkl")).load()
+        content = torch.load(path, map_location="cpu", weights_only=True)
     except DocumentError as error:
         raise LogError(f"{path}: {error.problem}.") from None
-    except (StopIteration, zipfile.BadZipFile, pickle.UnpicklingError, EOFError, *DAMAGED) as error:
-        why = str(error) or "it has no tensors"
+    except (pickle.UnpicklingError, EOFError, *DAMAGED):
         raise LogError(
-            f"{path}: is no file of tensors that is read without running what it holds: {why}; {_save_as(path)}."
+            f"{path}: is no file of tensors: it is damaged, or holds what can run any code; {_save_as(path)}."
         ) from None
-    if not isinstance(content, dict):
-        content = {path.stem: content}
-    return recordings_of(path, "torch", {str(key): _plain(value) for key, value in content.items()})
-
-
-class _Tensors(pickle.Unpickler):
-    """Tensors of an archive of PyTorch as arrays; any other object than theirs is refused."""
-
-    def __init__(self, archive: zipfile.ZipFile, folder: str) -> None:
-        super().__init__(archive.open(f"{folder}data.pkl"))
-        self.archive, self.folder = archive, folder
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) == ("collections", "OrderedDict"):
-            return dict
-        if module == "torch._utils" and name in ("_rebuild_tensor_v2", "_rebuild_tensor"):
-            return _tensor
-        if module in ("torch", "torch.storage") and name in STORAGES:
-            return STORAGES[name]
-        raise pickle.UnpicklingError(f"it holds {module}.{name}, which is not loaded, for it can run any code")
-
-    def persistent_load(self, pid: Any) -> np.ndarray:
-        kind, key = pid[1], str(pid[2])
-        if pid[0] != "storage" or kind not in STORAGES.values() or not key.isalnum():
-            raise pickle.UnpicklingError("it refers to something else than a tensor")
-        return np.frombuffer(self.archive.read(f"{self.folder}data/{key}"), kind)
-
-
-def _tensor(storage: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
-    """A tensor as an array of its own, within its storage."""
-    if min((offset, *size, *stride), default=0) < 0 or len(size) > 4:
-        raise pickle.UnpicklingError("a tensor has a shape that is none")
-    if not all(size):
-        return np.zeros(size, storage.dtype)
-    last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True))
-    if last >= len(storage) or math.prod(size) * storage.itemsize > RECORDING:  # a stride of 0 repeats without an end
-        raise pickle.UnpicklingError("a tensor lies outside of its storage, or is too large")
-    strides = [step * storage.itemsize for step in stride]
-    return np.lib.stride_tricks.as_strided(storage[offset:], size, strides).copy()
+    content = content if isinstance(content, dict) else {path.stem: content}
+    tensors = {str(key): value for key, value in content.items()}
+    for name, value in tensors.items():
+        if isinstance(value, torch.Tensor):  # a stride of 0 repeats without an end
+            if value.numel() * value.element_size() > RECORDING:
+                raise LogError(f"{path}: {name} unpacks to more than {RECORDING // 2**20} MiB, the most that is read.")
+            tensors[name] = value.numpy()
+    return recordings_of(path, "torch", {name: _plain(value) for name, value in tensors.items()})
