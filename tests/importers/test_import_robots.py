@@ -226,28 +226,6 @@ def test_commands_without_a_stamp_stand_where_the_bag_received_them(tmp_path: Pa
     assert not found.left
 
 
-def test_goals_of_a_list_without_names_are_taken_in_order_where_motion_confirms_it(tmp_path: Path) -> None:
-    """``Float64MultiArray`` has the order of the controller's file, joint states often that of the alphabet."""
-    m, n = motion(6.0, 100.0, 0.05, seed=3), motion(6.0, 100.0, 0.05, seed=4)
-    names = {
-        "c.data[0]": n["goal"],
-        "c.data[1]": m["goal"],
-        "s.elbow.position": m["smooth"],
-        "s.wrist.position": n["smooth"],
-    }
-    columns = {
-        "stamp": m["time"],
-        **{name.replace("c.", "arm_controller.commands."): own for name, own in names.items()},
-    }
-    roles = {"stamp": "time", "s.elbow.position": "elbow.position", "s.wrist.position": "wrist.position"}
-    units = {"stamp": "s", "s.elbow.position": "rad", "s.wrist.position": "rad"}
-    found = propose([Recording("run", columns, tmp_path / "run", "ros", {}, roles, (), units)])
-    assert {"elbow.goal", "wrist.goal"} == set(found.questions[0].about) and "names no joints" in found.questions[0].ask
-    swapped = {"arm_controller.commands.data[0]": m["goal"], "arm_controller.commands.data[1]": n["goal"]}
-    in_order = propose([Recording("run", columns | swapped, tmp_path / "run", "ros", {}, roles, (), units)])
-    assert in_order.columns["elbow.goal"].text == "arm_controller.commands.data[0]" and not in_order.questions
-
-
 def test_stamps_are_the_clock_where_every_message_has_one(tmp_path: Path) -> None:
     found = two_topics(tmp_path / "run", -0.2, "/arm/joint_command")
     np.testing.assert_allclose(np.diff(found.columns["stamp"]), 0.01, atol=1e-6)

@@ -12,34 +12,48 @@ import numpy as np
 
 from ..types import Array, LogError
 from .expression import quoted
-from .lines import ANGLE, ASK, LIKELY, SURE, Line, goal_line, of_dialect, reach, told
+from .goals import goal_line
+from .lines import (
+    ASK,
+    DERIVATIVE_FIT,
+    LIKELY,
+    POSITION,
+    ROUGHLY_UNIT,
+    SAME_UNIT,
+    SURE,
+    Line,
+    in_unit,
+    nearest_unit,
+    of_dialect,
+    per_second,
+    reach,
+    told,
+)
 from .motion import Relation, encoder, span, whole_numbers
 from .names import Claim, is_a
-from .units import measures
+from .units import measure, measures
 
 TICKS, PERCENT = "ticks", "percent"
 """Words of ``unit=`` that no column is converted by alone: a turn and a zero, or a range belong to them."""
-TURN, ZERO = 4096, 2048
+STEPS_A_TURN, STEP_AT_ZERO = 4096, 2048
 """Steps of a turn and the step at 0 rad that ``unit=ticks`` takes: of Feetech STS and Dynamixel X servos (their
 registers in hw/bus/registers), mounted with 0 rad in the middle (assumed)."""
-REGISTER, FEW_STEPS = 32768.0, 1023.0
-"""Steps that a register of 16 bits with a sign does not hold; the largest of a servo that has 1024 over 300 degrees
-(hw/bus/registers/scs0009.yaml)."""
+MOST_STEPS = 32768.0
+"""Steps that a register of 16 bits with a sign does not hold."""
 FEWEST_STEPS, MOST_COUNTS = 400.0, 2.0**53
 """Whole numbers that reach over less may be degrees; beyond the second a float counts none."""
-PLAIN_RAD, SEVERAL_TURNS, MOST_RAD = 2.2 * math.pi, 12.0, 60.0
-"""An angle in rad without a turn to spare stays below the first; beyond the second a guess is degrees, and beyond the
-third it is hardly in rad."""
-STRAY = 0.02
-"""Share of the samples that may lie far outside as what a recorder writes for a lost one."""
+POSSIBLE = {"angle": ("rad", "deg", "mrad", "turn"), "way": ("m", "mm", "cm")}
+"""Units that are tried for a position of which none is said, by its quantity."""
+PLAIN_RAD, MOST_RAD = 2.2 * math.pi, 60.0
+"""An angle in rad without a turn to spare stays below the first; beyond the second it is hardly in rad."""
 MOST_WAY = 10.0  # [m]
 """What a slide may travel before a name that ends in m is doubted."""
-OF_FEW = "a servo with 1024 of them over 300 degrees (SCS, AX) needs (<column> - 512)*300/1024*pi/180 in these lines"
 STEPS = (
-    f"encoder steps of a servo (unit={TICKS}: {TURN} a turn and {ZERO} at 0 rad, as in these lines), degrees "
-    f"(unit=deg), rad (unit=rad) or mm of a slide (unit=mm)? Whole numbers within 0..4095 are probably steps; {OF_FEW}"
+    f"encoder steps of a servo (unit={TICKS}: {STEPS_A_TURN} a turn and {STEP_AT_ZERO} at 0 rad, as in these lines), "
+    "degrees (unit=deg), rad (unit=rad) or mm of a slide (unit=mm)? Whole numbers within 0..4095 are probably steps; a "
+    "servo with 1024 of them over 300 degrees (SCS, AX) needs (<column> - 512)*300/1024*pi/180 in these lines"
 )
-TURN_OF_FEW = f"how many steps are a turn? {TURN} is taken, and no step goes beyond 1023: {OF_FEW}"
+COUNTS = f"how many counts are a turn, and which one is 0 rad? {STEPS_A_TURN} and 0 stand in these lines"
 SHARE = (
     "a share of the calibrated range, whose ends are low and high in rad (slide: m)? 0..100 is unit=percent beside "
     "robot=<its file>, or low + <column>/100*(high - low); -100..100 is middle + <column>/100*(high - low)/2, an "
@@ -90,20 +104,17 @@ class Position:
         return self.low >= -2.0 and 2.0 < self.high <= 102.0 and encoder(self.values) is None
 
     @property
-    def opening(self) -> bool:
-        """Whether it fills 0 to 1 and shows no encoder, as the opening of a gripper does."""
-        within = self.low >= 0.0 and self.high <= 1.001 and (self.gripper or span(self.values) > 0.8)
-        return within and encoder(self.values) is None
-
-    @property
-    def gripper(self) -> bool:
-        return is_a("gripper", *self.claim.words)
+    def of_gripper(self) -> bool:
+        """Whether it may be the opening of a gripper, 0 to 1 or 0 to 100: nobody says its unit, and it shows no
+        encoder."""
+        named = is_a("gripper", *self.claim.words) and self.claim.unit in ("", "?", "%")
+        return named and (self.share or 0.0 <= self.low <= self.high <= 1.001) and encoder(self.values) is None
 
     @property
     def register(self) -> bool:
         """Whether nobody says its unit, and it and its goals are whole numbers of a servo's register."""
         of_steps = all(
-            whole_numbers(values) and float(np.nanmin(values)) >= 0.0 and float(np.nanmax(values)) < TURN
+            whole_numbers(values) and float(np.nanmin(values)) >= 0.0 and float(np.nanmax(values)) < STEPS_A_TURN
             for values in (self.values, *self.goals)
         )
         return of_steps and self.claim.unit in ("", "?", "tick") and not (self.claim.formula or self.slide)
@@ -119,64 +130,79 @@ def position_line(one: Position, unit: str, by: str) -> Line:
     """
     if line := of_dialect(one.claim):
         return line
-    column, shown = quoted(one.claim.column), reach(one.values)
-    known, found = measures(unit, "angle", "way"), encoder(one.values)
-    sure = Line(column + (known.behind if known else ""), unit, SURE, f"{by} says {unit}; {shown}")
+    name, shown, found = one.claim.column, reach(one.values), encoder(one.values)
+    whole = whole_numbers(one.values) and FEWEST_STEPS < span(one.values) < MOST_COUNTS
     if unit == "m" and by == "the name" and span(one.values) > MOST_WAY:
         ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
-        return sure.but(trust=ASK, why=f"the name ends in m; {shown}", ask=ask)
-    whole = whole_numbers(one.values) and FEWEST_STEPS < span(one.values) < MOST_COUNTS
+        return in_unit(name, unit, ASK, f"the name ends in m; {shown}", ask)
     if unit == "tick" or (unit in ("", "?") and whole):
-        return _counted(column, one)
+        return _counted(one)
     if unit in ("rad", "deg") and found and found[0] != unit:
         why = f"{by} says {unit}, but the steps of its values are a turn in {found[0]} by {found[1]}"
-        return Line(column + ANGLE[found[0]], found[0], ASK, why)
+        return in_unit(name, found[0], ASK, why)
     if unit == "rad" and one.far > MOST_RAD:
-        return _too_far(column, one.values, by)
-    if known:
-        return sure
+        return _too_far(one, by)
+    if measures(unit, *POSITION):
+        return in_unit(name, unit, SURE, f"{by} says {unit}; {shown}")
     if found:
-        why = f"its steps are a turn in {found[0]} by {found[1]}; {shown}"
-        return Line(column + ANGLE[found[0]], found[0], SURE, why)
+        return in_unit(name, found[0], SURE, f"its steps are a turn in {found[0]} by {found[1]}; {shown}")
     if told(unit) and unit != "%":
         asked = f"{by} says {unit}, which is no unit of an angle or a way"
-        return sure.but(trust=ASK, why=f"{asked}; {shown}", ask=f"{asked}: write what makes it rad (slide: m)")
+        return in_unit(name, unit, ASK, f"{asked}; {shown}", f"{asked}: write what makes it rad (slide: m)")
     if is_a("radian", one.claim.how.lower()) and not (unit or one.slide) and one.far <= PLAIN_RAD:
         why = f"{one.claim.how!r} is a joint's angle, in rad by custom; {shown}"
-        return Line(column, "rad", LIKELY, why, open=True)
-    return _open(one, one.far)
+        return in_unit(name, "rad", LIKELY, why, open=True)
+    return _open(one)
 
 
-def _open(one: Position, far: float) -> Line:
-    """A question for the unit of a position, with a guess by how far all that are alike go."""
-    column, unit = quoted(one.claim.column), "m" if one.slide else "rad" if far <= SEVERAL_TURNS else "deg"
-    ask = SHARE if one.claim.unit == "%" else UNSAID
-    ask += f". Or {SHARE}" if ask == UNSAID and (far > PLAIN_RAD or one.opening) else ""
-    return Line(column + ANGLE.get(unit, ""), unit, ASK, f"no unit is said; {reach(one.values)}", ask, open=True)
+def _open(one: Position) -> Line:
+    """A question for the unit of a position; the line has the column as it stands."""
+    ask = SHARE if one.claim.unit == "%" else f"{UNSAID}. Or {SHARE}"
+    unit = "m" if one.slide else "rad"
+    return Line(quoted(one.claim.column), unit, ASK, f"no unit is said; {reach(one.values)}", ask, open=True)
 
 
-def _counted(column: str, one: Position) -> Line:
-    """Steps of an encoder: those of a servo, or of a turn that is the next power of two."""
-    counts = max(one.high - min(one.low, 0.0), 2.0)
-    turn = TURN if one.high < 4200 or not counts < MOST_COUNTS else 2 ** math.ceil(math.log2(counts))
-    middle = turn // 2 if one.low >= 0 else 0
-    text = f"({column} - {middle})*2*pi/{turn}" if middle else f"{column}*2*pi/{turn}"
-    ask = f"how many counts are a turn, and which one is 0 rad? {turn} and {middle} are a guess"
-    ask = STEPS if (turn, middle) == (TURN, ZERO) else ask
-    return Line(text, "tick", ASK, f"counts of an encoder, {reach(one.values)}", ask)
+def _steps(one: Position, middle: int, trust: str, why: str, ask: str = "") -> Line:
+    """Steps of an encoder as an angle."""
+    column = quoted(one.claim.column)
+    text = f"({column} - {middle})*2*pi/{STEPS_A_TURN}" if middle else f"{column}*2*pi/{STEPS_A_TURN}"
+    return Line(text, "tick", trust, why, ask)
 
 
-def _too_far(column: str, values: Array, by: str) -> Line:
+def _counted(one: Position) -> Line:
+    """Steps of an encoder, asked about: those of a servo, or of a turn that nobody says."""
+    servo = one.low >= 0.0 and one.high < STEPS_A_TURN
+    why = f"counts of an encoder, {reach(one.values)}"
+    return _steps(one, STEP_AT_ZERO * servo, ASK, why, STEPS if servo else COUNTS)
+
+
+def _too_far(one: Position, by: str) -> Line:
     """An angle that goes too far for rad: in degrees, or with stray values for lost samples."""
-    stray, why = np.isfinite(values) & (np.abs(values) > MOST_RAD), f"{by} says rad, but it reaches {reach(values)}"
-    if stray.sum() > STRAY * len(values):
-        return Line(column + ANGLE["deg"], "deg", ASK, why, f"{why}: degrees?")
-    first = int(np.argmax(stray))
-    ask = (
-        f"{column} is {values[first]:.4g} in row {first + 1}, {int(stray.sum())} such in all, which is no angle in "
-        f"rad: leave these samples out by the line `where: {MOST_RAD:g} - abs({column})` in the mapping"
-    )
-    return Line(column, "rad", ASK, why, ask)
+    column, why = quoted(one.claim.column), f"{by} says rad, but it reaches {reach(one.values)}"
+    stray = int((np.abs(one.values) > MOST_RAD).sum())
+    ask = f"{why}: degrees? If {stray} lost samples reach so far, leave them out by the line `where: {MOST_RAD:g} - "
+    return Line(column, "rad", ASK, why, f"{ask}abs({column})` in the mapping")
+
+
+def by_velocity(line: Line, one: Position, velocity: Claim | None, goes: Relation | None) -> Line:
+    """A position of which a velocity in a unit that is said tells the unit.
+
+    Args:
+        line: of the position.
+        one: the position.
+        velocity: beside it.
+        goes: of the velocity against the derivative of the position; None where no time is known.
+    """
+    unit = per_second(velocity) if velocity else ""
+    rate = measures(unit, "rate", "speed")
+    if goes is None or rate is None or goes.fit <= DERIVATIVE_FIT or goes.scale <= 0.0:
+        return line
+    if not line.open:
+        return line
+    known = {unit: measure(unit) for unit in POSSIBLE["way" if rate.quantity == "speed" else "angle"]}
+    best, off = nearest_unit(rate.factor * goes.scale, ((unit, size.factor) for unit, size in known.items() if size))
+    trust, why = SURE if off < SAME_UNIT else LIKELY, f"the velocity in {unit} is its derivative in {best}"
+    return in_unit(one.claim.column, best, trust, why) if off < ROUGHLY_UNIT else line
 
 
 @dataclass
@@ -199,34 +225,27 @@ class Positions:
         self.lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in self.found}
         registers = [one for one in self.found if one.register]
         if any(one.high > 360.0 for one in registers):  # further than degrees
-            self.lines |= {one.claim.column: _counted(quoted(one.claim.column), one) for one in registers}
-        steps = [values for one in registers for values in (one.values, *one.goals)]
-        self.few = bool(steps) and max(float(np.nanmax(values)) for values in steps) <= FEW_STEPS
+            self.lines |= {one.claim.column: _counted(one) for one in registers}
         self._decide_together()
 
     def _decide_together(self) -> None:
         """One decision for all positions of which nobody says the unit: an encoder's step tells it, else all are asked
-        about where one is. Openings and shares of a gripper may be in a unit of their own."""
-        lines = self.lines
-        alike = [one for one in self.found if lines[one.claim.column].open and not self._stands_apart(one)]
+        about where one is. A gripper may be in a unit of its own."""
+        alike = [one for one in self.found if self.lines[one.claim.column].open and not self._apart(one)]
         by_step = [one.claim.column for one in self.found if not told(one.claim.unit) and not one.claim.formula]
-        shown = {lines[name].unit: name for name in by_step if lines[name].trust == SURE}
-        if len(shown) == 1:
-            ((unit, name),) = shown.items()
-            for one in alike:
+        shown = {self.lines[name].unit: name for name in by_step if self.lines[name].trust == SURE}
+        asked = any(self.lines[one.claim.column].trust == ASK for one in alike)
+        for one in alike:
+            if len(shown) == 1:
+                ((unit, name),) = shown.items()
                 why = f"{reach(one.values)}; in the unit of {quoted(name)}, whose steps are an encoder's"
-                lines[one.claim.column] = Line(quoted(one.claim.column) + ANGLE[unit], unit, LIKELY, why)
-        elif any(lines[one.claim.column].trust == ASK for one in alike):
-            far = max(one.far for one in alike)
-            lines |= {one.claim.column: _open(one, far) for one in alike}
+                self.lines[one.claim.column] = in_unit(one.claim.column, unit, LIKELY, why)
+            elif asked:
+                self.lines[one.claim.column] = _open(one)
 
-    def _stands_apart(self, one: Position) -> bool:
-        """Whether it is an opening or a share beside other joints that are none, as a gripper's is."""
-        others = [other for other in self.found if other is not one]
-        share = one.share and (one.gripper or any(encoder(other.values) for other in others))
-        return (one.opening and not all(other.opening for other in others)) or (
-            share and any(not other.share for other in others)
-        )
+    def _apart(self, one: Position) -> bool:
+        """Whether it is the opening of a gripper beside joints that are none."""
+        return one.of_gripper and not all(other.of_gripper for other in self.found)
 
     def line(self, one: Position) -> Line:
         """A position, in the unit of the answer where its own is open."""
@@ -243,9 +262,8 @@ class Positions:
             why = f"unit= says percent, of the range that the robot's model has; {reach(one.values)}"
             return Line(quoted(column), PERCENT, SURE, why)
         if self.unit == TICKS:
-            why = f"unit= says {TICKS}: {TURN} a turn, {ZERO} at 0 rad (assumed: edit them); {reach(one.values)}"
-            text = f"({quoted(column)} - {ZERO})*2*pi/{TURN}"
-            return Line(text, "tick", ASK if self.few else SURE, why, TURN_OF_FEW if self.few else "")
+            why = f"unit= says {TICKS}, {STEPS_A_TURN} a turn and {STEP_AT_ZERO} at 0 rad: edit them for other servos"
+            return _steps(one, STEP_AT_ZERO, LIKELY, f"{why}; {reach(one.values)}")
         return position_line(one, self.unit, "unit=")
 
     def _own(self, claim: Claim) -> str:
@@ -263,11 +281,11 @@ class Positions:
     def _fits(self, one: Position) -> bool:
         """Whether the answer can be for a position: what it cannot be for keeps its question."""
         if self.unit == TICKS:
-            return whole_numbers(one.values) and one.far < REGISTER and not one.slide
+            return whole_numbers(one.values) and one.far < MOST_STEPS and not one.slide
         if self.unit == PERCENT:
             return one.share
         steps = self.lines[one.claim.column].unit == "tick"
-        return not (measures(self.unit or "", "angle") and (steps or self._stands_apart(one)))
+        return not (measures(self.unit or "", "angle") and (steps or self._apart(one)))
 
     def goal(self, claim: Claim, base: Line, goes: Relation) -> Line:
         """A goal or a second position, in its own unit, in that of the answer, or in that of the position."""

@@ -13,13 +13,13 @@ from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ra
 from .clocks import find_clock
 from .dialects import Dialect, dialects
 from .expression import evaluate, hold, names_in, quoted
-from .goals import ACTIONS, action_line, differing_units, doubted
-from .lines import ASK, LIKELY, SURE, Line, counted_by_velocity, drive_line, goal_velocity_line, velocity_line
+from .goals import ACTIONS, action_line, doubted
+from .lines import ASK, LIKELY, SURE, Line, drive_line, goal_velocity_line, velocity_line
 from .lists import lists_of, put_lists
 from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
-from .positions import Position, Positions, bare
+from .positions import Position, Positions, bare, by_velocity
 from .recording import Recording
 from .units import measures
 
@@ -30,8 +30,6 @@ REPEATED = 0.01
 """Share of the rows up to which stamps that repeat are left out."""
 GARBAGE = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
-MOST_ACTIONS = 0.5
-"""Share of the actions from which what these show holds for all: a policy gives one vector."""
 AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
 
 
@@ -90,7 +88,7 @@ class Proposal:
         if same is None:
             self.questions.append(Question((name,), ask))
         else:
-            self.questions[same] = Question((*self.questions[same].about, name), ask)
+            self.questions[same] = Question(tuple(dict.fromkeys((*self.questions[same].about, name))), ask)
 
 
 def propose(
@@ -127,7 +125,7 @@ class _Proposer:
         self.first = max(recordings, key=lambda recording: recording.length)
         self.out, self.unit, self.time = Proposal(), unit, ""
         self.claimed = Claimed()
-        self.actions: dict[str, Line] = {}  # how actions of a policy become goals, by column of the log
+        self.actions: list[str] = []  # columns of the log that are actions of a policy
 
     def run(self) -> Proposal:
         out = self.out
@@ -138,18 +136,12 @@ class _Proposer:
         units = Positions(self.unit, list(positions.values()))
         for joint, own in chosen.items():
             self.read_joint(joint, own, positions[joint], units)
-        shown = sum(out.columns[name].trust == ASK for name in self.actions)
-        for name, line in self.actions.items():
-            if shown and shown >= MOST_ACTIONS * len(self.actions) and out.columns[name].trust != ASK:
-                out.put(
-                    name, line.but(trust=ASK, why=f"{line.why}; other actions are no goals as they stand", ask=ACTIONS)
-                )
+        if any(out.columns[name].ask == ACTIONS for name in self.actions):  # a policy gives one vector
+            for name in self.actions:
+                out.put(name, out.columns[name].but(trust=ASK, ask=ACTIONS))
         units.check(self.first.source)
         self.share_strays()
         self.ask_for_what_lacks()
-        for question in differing_units(self.recordings, out.columns, self.claimed.claims):
-            out.questions.append(question)
-            out.columns |= {name: out.columns[name].but(trust=ASK) for name in question.about}
         return out
 
     def find_time(self) -> None:
@@ -165,7 +157,7 @@ class _Proposer:
         lists = lists_of(self.first)
         taken = {*clock.unused, *names_in(clock.line.text), *(name for names in lists.values() for name in names)}
         self.claimed = placed(self.first, self.known, taken)
-        put_lists(lists, self.claimed, self.first, self.clock(self.first))
+        put_lists(lists, self.claimed, self.first)
         measured = [joint for joint, own in self.claimed.groups.items() if own.get("position")]
         self.claimed.groups = renamed(self.claimed.groups, spelled(measured, self.first.columns, self.robot))
         self.out.unused |= clock.unused | self.claimed.aside
@@ -203,7 +195,7 @@ class _Proposer:
         out, run = self.out, self.moved(position.claim.column)
         speed = chosen.get("velocity")
         goes = self.slope(run, position.values, speed)
-        base = counted_by_velocity(units.line(position), position.claim, position.values, speed, goes)
+        base = by_velocity(units.line(position), position, speed, goes)
         if measures(base.unit, "way"):
             out.slides.add(joint)
         if joint in self.claimed.renamed:
@@ -240,7 +232,8 @@ class _Proposer:
         goes = following(self.clock(run), steady, position.values)
         line = units.goal(claim, base, goes)
         if is_action(claim):
-            line = self.actions[f"{joint}.goal"] = action_line(line, goes, steady, position.values, base)
+            self.actions.append(f"{joint}.goal")
+            line = action_line(line, goes, steady, position.values, base)
         line = doubted(line, base, goes, self.clock(run) if self.timed else None, steady, position.values)
         if sparse:
             text = line.text.replace(quoted(claim.column), f"hold({quoted(claim.column)})", 1)

@@ -188,7 +188,8 @@ def _feedback(topics: Mapping[str, Topic]) -> dict[str, pd.DataFrame]:
         own = {field: f"{joint}.{POINT_FIELDS[last]}" for field, (joint, part, last) in fields.items()
                if part in FEEDBACK and last in POINT_FIELDS and joint not in taken}  # fmt: skip
         if any(field.endswith(".position") for field in own.values()):
-            found[name] = topic.frame[list(own)].rename(columns=own)
+            measured: Any = topic.frame[list(own)]
+            found[name] = measured.rename(columns=own)
             taken |= {*map(joint_of, own.values())}
     return found
 
@@ -268,7 +269,7 @@ class _Table:
         rows."""
         topic = self.topics[self.main]
         lead, rest = topic.leading()
-        rows = topic.frame[lead]
+        rows: Any = topic.frame[lead]
         rows = rows[~rows.index.duplicated()]
         self.time = rows.index.to_numpy(np.float64)
         self._add("stamp", self.time, unit="s")

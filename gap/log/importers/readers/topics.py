@@ -75,7 +75,7 @@ class Topic:
 
     def between(self, field: str, at: Array) -> Array:
         """A measured field at other times, linear between its messages; NaN outside of them and in gaps."""
-        known = self.frame[field].dropna()
+        known: Any = self.frame[field].dropna()
         known = known[~known.index.duplicated()]
         times = known.index.to_numpy(np.float64)
         if len(times) < 2:
