@@ -23,7 +23,7 @@ class ActionPipeline:
         self._task, engine = task_of(contract.env)
         self._numbers = self._task.robot.parameters(engine.get("params"))
         self._motion = random_motion(self._task, self._numbers, np.random.default_rng(seed), rows)
-        state = np.tile(np.asarray(contract.state), (rows, 1))
+        state = np.tile(np.asarray(contract.state[: len(contract.state) - contract.policy_memory]), (rows, 1))
         count = len(contract.actions)
         self._ticks = 0
         self._action, self._previous = state[:, 1 : 1 + count], state[:, 1 + count : 1 + 2 * count]
@@ -32,7 +32,7 @@ class ActionPipeline:
         self._low, self._high = np.asarray(contract.goal_low), np.asarray(contract.goal_high)
 
     def state(self) -> np.ndarray:
-        """As the exported file counts it (n, s)."""
+        """As the exported file counts it, without what the policy itself remembers (n, s)."""
         ticks = np.full((self._rows, 1), float(self._ticks))
         return np.concatenate([ticks, self._action, self._previous, self._memory], axis=1)
 

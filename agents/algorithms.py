@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import warnings
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
+import numpy as np
 import torch
 from annotated_types import Ge, Gt, Le
-from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecFrameStack, VecNormalize
 
 from ..common.errors import SealegsError, nearest
+from ..common.extras import needed_for
 from ..configs.check import Count, Natural, NotNegative, Positive, arguments, checked
+from .parts import made, wrapper
 
 LOGGER = logging.getLogger("sealegs")
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+ALGORITHMS = {
+    **{name: ("stable_baselines3", name.upper()) for name in ("a2c", "ddpg", "ppo", "sac", "td3")},
+    **{name: ("sb3_contrib", name.upper()) for name in ("ars", "tqc", "trpo")},
+    "crossq": ("sb3_contrib", "CrossQ"),
+    "recurrent_ppo": ("sb3_contrib", "RecurrentPPO"),
+}
+"""Package and class of each algorithm for continuous actions, by its name in the config."""
+ALSO_CALLED = {"ppo_lstm": "recurrent_ppo"}
+"""By rl-zoo."""
+DISCRETE = ("dqn", "qrdqn", "ppo_mask", "maskable_ppo")
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU, "elu": torch.nn.ELU}
 
 _PART = Annotated[float, Ge(0), Le(1)]
@@ -28,7 +41,7 @@ BOUNDS: dict[str, Any] = {
     **dict.fromkeys(("target_update_interval", "stats_window_size"), Count),
     **dict.fromkeys(("gradient_steps", "sde_sample_freq"), _SB3_ALL),
     **dict.fromkeys(("gamma", "gae_lambda"), _PART),
-    **dict.fromkeys(("learning_rate", "ent_coef", "vf_coef"), NotNegative),
+    **dict.fromkeys(("learning_rate", "ent_coef", "vf_coef", "noise_std"), NotNegative),
     **dict.fromkeys(("clip_range", "clip_range_vf", "max_grad_norm", "target_kl"), Positive),
     **dict.fromkeys(("clip_obs", "clip_reward", "epsilon"), Positive),
     "learning_starts": Natural,
@@ -37,25 +50,53 @@ BOUNDS: dict[str, Any] = {
 """Of numbers that Stable-Baselines3 takes and cannot learn with otherwise, or refuses by a traceback."""
 
 # Arguments that the run itself decides.
-_TAKEN = {"self", "env", "seed", "tensorboard_log", "verbose", "_init_setup_model"}
+_TAKEN = {"self", "env", "seed", "tensorboard_log", "verbose", "_init_setup_model", "action_noise"}
+_NOISES = {"normal": NormalActionNoise, "ornstein-uhlenbeck": OrnsteinUhlenbeckActionNoise}
+_OURS: dict[str, Any] = {
+    "algorithm": str,
+    "normalize": dict | bool,
+    "history": Count,
+    "wrappers": list,
+    "callbacks": list,
+    "noise_type": Literal["normal", "ornstein-uhlenbeck"] | None,
+    "noise_std": float,
+}
+"""Keys of the group ``agent`` that are no arguments of the algorithm: what is around it."""
 
 
 def algorithm(name: Any) -> type[BaseAlgorithm]:
     """Class of the algorithm ``name``.
 
     Raises:
-        SealegsError: the name is unknown.
+        SealegsError: the name is unknown, or the package that has the algorithm is not installed.
     """
-    if name not in ALGORITHMS:
+    if name in DISCRETE:
+        raise SealegsError(f"agent.algorithm '{name}' chooses among discrete actions, and a robot's are continuous.")
+    if ALSO_CALLED.get(name, name) not in ALGORITHMS:
         known = ", ".join(ALGORITHMS)
         raise SealegsError(f"agent.algorithm '{name}' is not known{nearest(str(name), ALGORITHMS)}: there are {known}.")
-    return ALGORITHMS[name]
+    package, kind = ALGORITHMS[ALSO_CALLED.get(str(name), str(name))]
+    with needed_for(f"agent.algorithm={name}"):
+        return getattr(importlib.import_module(package), kind)
+
+
+def name_of(model: BaseAlgorithm) -> str:
+    """Name of the algorithm of a model, which may be of a class of the user's own that builds on one.
+
+    Raises:
+        SealegsError: it builds on none of :data:`ALGORITHMS`.
+    """
+    names = {kind: name for name, (_, kind) in ALGORITHMS.items()}
+    found = next((names[kind.__name__] for kind in type(model).__mro__ if kind.__name__ in names), None)
+    if found is None:
+        raise SealegsError(f"{type(model).__name__} is none of the algorithms {', '.join(ALGORITHMS)}.")
+    return found
 
 
 def agent_keys(agent: Mapping[str, Any]) -> list[str]:
     """Keys that the config group ``agent`` accepts, given its algorithm."""
     normalize = [f"normalize.{name}" for name in _normalize_arguments()]
-    return ["algorithm", "normalize", *normalize, *arguments(algorithm(agent.get("algorithm")).__init__, _TAKEN)]
+    return [*_OURS, *normalize, *arguments(algorithm(agent.get("algorithm")).__init__, _TAKEN)]
 
 
 def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,7 +106,7 @@ def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
         SealegsError: an unknown key, or a value of the wrong type or beyond its bounds.
     """
     types = arguments(algorithm(agent.get("algorithm")).__init__, _TAKEN)
-    types |= {"algorithm": str, "normalize": dict | bool}
+    types |= _OURS
     result: dict[str, Any] = {}
     for key, value in agent.items():
         if key not in types:
@@ -80,6 +121,9 @@ def checked_agent(agent: Mapping[str, Any]) -> dict[str, Any]:
                 raise SealegsError(f"agent.normalize.{key} is not an argument of VecNormalize{nearest(key, names)}.")
             normalize[key] = checked(f"agent.normalize.{key}", value, names[key])
             _check_bounds(f"agent.normalize.{key}", key, normalize[key])
+    for kind in ("wrappers", "callbacks"):
+        for item in result.get(kind, ()):
+            made(kind, item)
     return result
 
 
@@ -89,15 +133,22 @@ def _check_bounds(where: str, key: str, value: Any) -> None:
         checked(where, value, BOUNDS[key])
 
 
-def normalized(env: VecEnv, agent: Mapping[str, Any], training: bool) -> VecEnv:
-    """``env`` in the VecNormalize of the config; rewards are normalised in training only."""
+def wrapped(env: VecEnv, agent: Mapping[str, Any], training: bool) -> VecEnv:
+    """``env`` in what the config puts around it: history, wrappers, normaliser.
+
+    Rewards are normalised in training only.
+    """
+    if agent.get("history", 1) > 1:
+        env = VecFrameStack(env, agent["history"])
+    for item in agent.get("wrappers", ()):
+        env = wrapper(item, env)
     options = agent.get("normalize", False)
     if not options:
         return env
     options = {"gamma": agent.get("gamma", 0.99)} | (options if isinstance(options, dict) else {})
-    wrapped = VecNormalize(env, training=training, **options)
-    wrapped.norm_reward &= training
-    return wrapped
+    normalizer = VecNormalize(env, training=training, **options)
+    normalizer.norm_reward &= training
+    return normalizer
 
 
 def build(agent: Mapping[str, Any], env: VecEnv, seed: int | None) -> BaseAlgorithm:
@@ -106,12 +157,18 @@ def build(agent: Mapping[str, Any], env: VecEnv, seed: int | None) -> BaseAlgori
     Raises:
         SealegsError: Stable-Baselines3 refuses the arguments.
     """
-    keywords = {key: value for key, value in agent.items() if key not in ("algorithm", "normalize")}
+    keywords = {key: value for key, value in agent.items() if key not in _OURS}
     for key, value in keywords.items():
         if (start := schedule_start(value)) is not None:
             keywords[key] = LinearSchedule(start, 0.0, 1.0)
     if keywords.get("policy_kwargs"):
         keywords["policy_kwargs"] = _policy_keywords(keywords["policy_kwargs"])
+    if (kind := agent.get("noise_type")) is not None:
+        shape = env.action_space.shape or ()
+        noise = np.full(shape, float(agent.get("noise_std", 0.1)), np.float32)
+        keywords["action_noise"] = _NOISES[kind](np.zeros(shape, np.float32), noise)
+    if isinstance(every := keywords.get("train_freq"), list):  # [1, episode], as rl-zoo writes it
+        keywords["train_freq"] = tuple(every)
     _fit_batches(keywords, agent["algorithm"], env.num_envs)
     try:
         with warnings.catch_warnings():
@@ -123,13 +180,19 @@ def build(agent: Mapping[str, Any], env: VecEnv, seed: int | None) -> BaseAlgori
 
 
 def _fit_batches(keywords: dict[str, Any], name: str, num_envs: int) -> None:
-    """Limit PPO's minibatches to what is collected between updates, and say if they do not divide it.
+    """Limit minibatches of PPO to what is collected between updates, and say if they do not divide it.
 
     A larger one is what was collected: nothing changes but Stable-Baselines3's warning, which speaks of keys that no
     config has.
     """
     size, steps = keywords.get("batch_size"), keywords.get("n_steps")
-    if name != "ppo" or not isinstance(size, int) or not isinstance(steps, int) or size < 2 or steps * num_envs < 2:
+    if (
+        name not in ("ppo", "recurrent_ppo")
+        or not isinstance(size, int)
+        or not isinstance(steps, int)
+        or size < 2
+        or steps * num_envs < 2
+    ):
         return  # which is refused
     collected = steps * num_envs
     keywords["batch_size"] = min(size, collected)

@@ -169,7 +169,7 @@ class EpisodeTerms(BaseCallback):
         self._flags: dict[str, deque[float]] = {}
 
     def _on_step(self) -> bool:
-        for number in np.flatnonzero(self.locals["dones"]):
+        for number in np.flatnonzero(self.locals.get("dones", ())):  # of which ARS tells none
             for name, value in self.locals["infos"][number].items():
                 if name != "TimeLimit.truncated" and isinstance(value, bool | int | float):
                     self._flags.setdefault(name, deque(maxlen=100)).append(float(value))
@@ -217,7 +217,9 @@ class ProgressReport(BaseCallback):
     def _line_after(self, step: int) -> int:
         """Step of the next tenth of the run, the last one being its end."""
         tenth = max(self.total // 10, 1)
-        return (step // tenth + 1) * tenth if step + tenth <= self.total else max(self.total, step + 1)
+        if step >= self.total:  # ARS ends only with all of its candidates
+            return step + self.total
+        return (step // tenth + 1) * tenth if step + tenth <= self.total else self.total
 
     def _on_rollout_end(self) -> None:
         if self._bar is not None:

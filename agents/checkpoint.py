@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from ..common.documents import read_json
 from ..common.errors import SealegsError
-from .algorithms import build, normalized
+from .algorithms import build, wrapped
 from .policy_files import save_policy
 from .run_folder import RunFolder
 from .weights import FILE, UntrustedError, check_like, loaded, read_tensors, read_zip, untrusted, write_tensors
@@ -28,6 +28,8 @@ _BUFFERS_KEPT = 2  # a buffer is large, and the older ones are needed only where
 _LEARNER, _BUFFER, _STATE = "learner.safetensors", "replay_buffer.safetensors", "state.json"
 _PICKLED_BUFFER = "replay_buffer.pkl"  # of earlier versions, as their model.zip and vecnormalize.pkl
 _COUNTS = ("num_timesteps", "_n_updates", "_episode_num", "learning_starts")  # the last two of algorithms with a buffer
+_MOMENTS = {"RMSpropTFLike": ("square_avg",), "RMSprop": ("square_avg",)}
+"""What an optimiser remembers of a parameter, beside its step."""
 _ROWS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
@@ -143,7 +145,7 @@ def _read_learner(path: Path, agent: Mapping[str, Any], env: VecEnv) -> BaseAlgo
     """
     weights, _ = read_tensors(path / FILE)
     tensors, about = read_tensors(path / _LEARNER)
-    model = build(agent, normalized(env, agent, training=True), None)
+    model = build(agent, wrapped(env, agent, training=True), None)
     check_like(weights, model.policy.state_dict(), path / FILE)
     optimizers = {name: item for name, item in model.get_parameters().items() if name != "policy"}
     states = {name: _steps_of(tensors, name, path / _LEARNER) for name in optimizers}
@@ -181,7 +183,7 @@ def _read_learner(path: Path, agent: Mapping[str, Any], env: VecEnv) -> BaseAlgo
 def _optimizer_state(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
     """State of all optimisers, as ``<optimiser>.<number of the parameter>.<quantity>``."""
     return {
-        f"{name}.{number}.{key}": value
+        f"{name}.{number}.{key}": value if isinstance(value, torch.Tensor) else torch.tensor(float(value))
         for name, item in model.get_parameters().items()
         if name != "policy"
         for number, state in item["state"].items()
@@ -204,12 +206,14 @@ def _steps_of(tensors: Mapping[str, torch.Tensor], name: str, where: Path) -> di
 def _check_steps(
     name: str, state: Mapping[int, Mapping[str, torch.Tensor]], optimizer: torch.optim.Optimizer, where: Path
 ) -> None:
-    """Make sure that an optimiser can go on with this state: none, or Adam's of every parameter."""
+    """Make sure that an optimiser can go on with this state: none, or all of a parameter that it moves."""
+    moments = _MOMENTS.get(type(optimizer).__name__, ("exp_avg", "exp_avg_sq"))  # Adam's
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     wanted = {
         f"{name}.{number}.{key}": torch.zeros(()) if key == "step" else parameter
         for number, parameter in enumerate(parameters)
-        for key in ("step", "exp_avg", "exp_avg_sq")
+        if number in state  # TRPO's moves the critic alone
+        for key in ("step", *moments)
     }
     if state:
         check_like(

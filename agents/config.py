@@ -14,7 +14,7 @@ from ..configs.check import Count, Natural, NotNegative, Pixels, checked
 from ..configs.compose import compose, override, split
 
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
-_RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video")
+_RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video", "wandb")
 _NAMED = ("resume", "env", "trust")  # which run, the file of its task, and whether its pickles may be loaded
 
 
@@ -48,7 +48,8 @@ class TrainConfig:
 
     ``actuator`` is the name or the path of a chain, its stages, one of these by joint, or None for the robot's own.
     ``env`` and ``agent`` hold the arguments of the environment and of the algorithm. ``extended`` is the diagnosis from
-    which ``actuator`` and the robot's numbers in ``env`` came, or None.
+    which ``actuator`` and the robot's numbers in ``env`` came, or None. ``wandb`` is the project of Weights & Biases
+    that the curves go to, or None.
     """
 
     env: dict[str, Any]
@@ -62,6 +63,7 @@ class TrainConfig:
     evaluate: EvaluateConfig
     checkpoint: CheckpointConfig
     video: VideoConfig
+    wandb: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain form, as it is written to ``config.yaml``."""
@@ -93,7 +95,9 @@ def read_config(arguments: Sequence[str]) -> Request:
     Raises:
         SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
     """
-    pairs = split(arguments, plain=("actuator", "env", "extended", "name", "out", "resume", "robot"))
+    pairs = split(
+        arguments, plain=("actuator", "env", "extended", "hyperparams", "name", "out", "resume", "robot", "wandb")
+    )
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
         own = override({"resume": "", "env": None, "trust": False}, {k: pairs.pop(k) for k in _NAMED if k in pairs})
@@ -108,7 +112,8 @@ def read_config(arguments: Sequence[str]) -> Request:
         return Request(None, Path(), None, Path(str(own["resume"])), overrides, task, trust)
     if pairs.get("robot", "null") not in ("", "null"):  # a robot of one's own has the tasks that any robot has
         pairs = {"env": "track", **pairs}
-    plain = compose("train", pairs, _extra_keys, {"env": _own_task})
+    of_agent = {key: pairs.pop(key) for key in list(pairs) if key.startswith("agent.") and "hyperparams" in pairs}
+    plain = _with_zoo(compose("train", pairs, _extra_keys, {"env": _own_task}), pairs, of_agent)
     robot = checked("robot", plain.pop("robot"), str | None)
     if robot is not None:
         plain["env"] = {**plain["env"], "robot": robot}
@@ -120,6 +125,27 @@ def read_config(arguments: Sequence[str]) -> Request:
     seeds, plain["seed"] = _seeds(plain.pop("seeds"), plain["seed"])
     plain = _extended(plain)
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {}, seeds=seeds)
+
+
+def _with_zoo(plain: dict[str, Any], given: Mapping[str, str], of_agent: Mapping[str, str]) -> dict[str, Any]:
+    """The config with the agent of the zoo's file that ``hyperparams`` names, and keys ``given`` with it on top.
+
+    Args:
+        plain: the config.
+        given: keys of the command line, which count more than the file's.
+        of_agent: those of the group ``agent``.
+    """
+    word = checked("hyperparams", plain.pop("hyperparams"), str | None)
+    if word is None:
+        return plain
+    from .zoo import read_zoo
+
+    top, agent = read_zoo(word, str(plain["env"]["id"]))
+    plain = {**plain, **{key: value for key, value in top.items() if key not in given}}
+    plain["agent"] = {"algorithm": plain["agent"]["algorithm"], "policy": plain["agent"]["policy"], **agent}
+    if "${" in json.dumps(plain["agent"], default=str):
+        raise SealegsError(f"hyperparams={word} holds '${{', which stands for nothing here: write the value.")
+    return override(plain, of_agent, _extra_keys)
 
 
 def _seeds(count: Any, seed: Any) -> tuple[tuple[int, ...], Any]:
@@ -159,7 +185,7 @@ def _extended(plain: dict[str, Any]) -> dict[str, Any]:
 
 
 def with_overrides(
-    stored: Mapping[str, Any], overrides: Mapping[str, str], where: str, task: str | None = None
+    stored: Mapping[str, Any], overrides: Mapping[str, str], where: str, task: str | None = None, trust: bool = False
 ) -> TrainConfig:
     """Config of a resumed run: the stored one, with the overrides that are allowed.
 
@@ -168,15 +194,22 @@ def with_overrides(
         overrides: of the command line.
         where: the run, for messages.
         task: the file of the run's task, as the command line names it.
+        trust: whether callbacks and wrappers of packages other than ours may be loaded.
 
     Raises:
-        SealegsError: as :func:`train_config`, or the run's task is code that nobody named.
+        SealegsError: as :func:`train_config`, or the run's task or callback is code that nobody named.
     """
     from ..envs.any_robot.user import trained_in
 
     if "${" in json.dumps(stored, default=str):  # OmegaConf would fill in variables of the person's environment
         raise SealegsError(f"{where}: its config.yaml holds '${{'; write out what it stands for.")
+    from .parts import foreign
+
     env = trained_in(checked("env", stored.get("env"), dict[str, Any]), where, task, "env")
+    if not trust and (named := foreign(checked("agent", stored.get("agent"), dict[str, Any]))):
+        raise SealegsError(
+            f"{where}: its config.yaml names {named[0]}, which is code: give trust=true if you trust it."
+        )
     return train_config(override({**stored, "env": env}, overrides))
 
 
@@ -189,7 +222,9 @@ def train_config(plain: Mapping[str, Any]) -> TrainConfig:
     from .algorithms import checked_agent
     from .make_env import checked_env
 
-    values = _typed(TrainConfig, {"extended": None, **plain}, "")  # runs of earlier versions have no such key
+    values = _typed(
+        TrainConfig, {"extended": None, "wandb": None, **plain}, ""
+    )  # runs of earlier versions have no such key
     config = TrainConfig(**values)
     return dataclasses.replace(config, env=checked_env(config.env), agent=checked_agent(config.agent))
 

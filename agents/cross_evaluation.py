@@ -31,16 +31,16 @@ def mean_reward(
     return float(np.mean(rewards))
 
 
-def episode_rewards(act: Callable[[np.ndarray], np.ndarray], env: BatchVecEnv) -> np.ndarray:
+def episode_rewards(act: Callable[..., np.ndarray], env: BatchVecEnv) -> np.ndarray:
     """Reward of the first episode of each simulation (n,).
 
     Args:
-        act: from observations (n, size) to actions (n, k).
+        act: from observations (n, size), and whether an episode began with them (n,), to actions (n, k).
         env: seeded, to be started anew.
     """
-    observation, rewards = env.reset(), np.full(env.num_envs, np.nan)
+    observation, rewards, done = env.reset(), np.full(env.num_envs, np.nan), np.ones(env.num_envs, bool)
     while np.isnan(rewards).any():
-        env.step_async(act(observation))
+        env.step_async(act(observation, done))
         observation, _, done, infos = env.step_wait()
         assert isinstance(observation, np.ndarray)
         for number in np.flatnonzero(done & np.isnan(rewards)):

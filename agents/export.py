@@ -27,18 +27,19 @@ from onnx.reference import ReferenceEvaluator
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import FlattenExtractor
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from ..common.errors import SealegsError
-from ..configs.check import checked
+from ..configs.check import Count, checked
 from ..configs.compose import override, split
 from ..configs.script import run
 from ..envs.contract import KEY, Contract, ContractError, make_contract
 from ..envs.engine.batch import BatchEngine
 from ..envs.engine.sb3 import BatchVecEnv
 from .action_pipeline import ActionPipeline
-from .policy_files import describe, load_model, seen_as_trained, trained_env
-from .policy_graph import PolicyGraph
+from .parts import TRANSPARENT, made
+from .policy_files import Acting, describe, load_model, trained_env
+from .policy_graph import Actor, PolicyGraph
 from .run_chains import chains
 from .traced import TracingError
 from .weights import FILE as WEIGHTS
@@ -59,7 +60,7 @@ def export(model: BaseAlgorithm, out: str | Path, env: Any = None, normalizer: V
     """Write the policy of a Stable-Baselines3 model as the ONNX file that ``sealegs deploy`` runs.
 
     Args:
-        model: PPO, SAC, TD3, DDPG or TQC with a policy of dense layers.
+        model: an algorithm of Stable-Baselines3 or sb3-contrib with a policy of dense layers, perhaps behind an LSTM.
         out: file to write, such as ``mine.onnx``.
         env: :class:`~sealegs.envs.engine.sb3.BatchVecEnv`, or single environments of this project, that it learned in,
             wrapped or not; None: the model's own.
@@ -91,7 +92,12 @@ def export(model: BaseAlgorithm, out: str | Path, env: Any = None, normalizer: V
         "control_rate": 1.0 / engine.dt,
     }
     normalizer = model.get_vec_normalize_env() if normalizer is None else normalizer
-    return write_onnx(Path(out), model, describe(model, normalizer) | description)
+    layers = env
+    while isinstance(layers, VecEnvWrapper):
+        if not isinstance(layers, TRANSPARENT):
+            raise ExportError(f"what {type(layers).__name__} does is in no file: take it away, or do it in the task.")
+        layers = layers.venv
+    return write_onnx(Path(out), model, describe(model, normalizer, env) | description)
 
 
 def export_policy(folder: Path, out: Path | None = None, task: str | None = None, trust: bool = False) -> Path:
@@ -121,7 +127,7 @@ def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) 
 
     Args:
         out: file to write.
-        model: PPO or SAC with a policy of dense layers.
+        model: as of :func:`export`.
         description: as in ``policy.json``: ``env``, ``actuators``, ``control_rate``, and ``observation`` with the
             normaliser.
 
@@ -129,8 +135,17 @@ def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) 
         ExportError: the network has other than dense layers, the task's code cannot be traced, or the file exists.
     """
     try:
-        contract = make_contract(description["env"], description["actuators"], description["control_rate"])
-        document = PolicyGraph(contract, description["observation"]).document(*_layers(model))
+        seen, actor = description["observation"], _actor(model)
+        history = checked("observation.history", seen.get("history", 1), Count)
+        wrappers = description.get("wrappers") or []
+        if opaque := [item for item in wrappers if not issubclass(made("wrappers", item)[0], TRANSPARENT)]:
+            raise ExportError(f"what the wrapper {opaque[0]} does is in no file: take it away, or do it in the task.")
+        if history > 1 and "mean" in seen and len(seen["mean"]) != seen["shape"][0]:
+            raise ExportError("the normaliser is inside the stack of observations: put VecNormalize around it.")
+        contract = make_contract(
+            description["env"], description["actuators"], description["control_rate"], history, actor.remembers
+        )
+        document = PolicyGraph(contract, seen).document(actor)
     except (ContractError, TracingError) as error:
         raise ExportError(str(error)) from None
     helper.set_model_props(document, {KEY: contract.to_json()})
@@ -145,9 +160,10 @@ def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) 
     return out
 
 
-def _layers(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], bool]:
-    """Layers from observation to action, and whether a tanh follows them."""
+def _actor(model: BaseAlgorithm) -> Actor:
+    """The network from observation to action."""
     policy = model.policy
+    policy.set_training_mode(False)
     if not isinstance(
         getattr(policy, "features_extractor", None) or getattr(policy, "actor", policy).features_extractor,
         FlattenExtractor,
@@ -157,16 +173,17 @@ def _layers(model: BaseAlgorithm) -> tuple[list[torch.nn.Module], bool]:
         )
     if isinstance(policy, ActorCriticPolicy):
         layers = [*policy.mlp_extractor.policy_net, policy.action_net]
-        return layers, bool(policy.squash_output)
+        return Actor(layers, bool(policy.squash_output), getattr(policy, "lstm_actor", None))
     actor: Any = getattr(policy, "actor", None)
     mean: Any = getattr(actor, "mu", None)
-    if isinstance(mean, torch.nn.Linear) and hasattr(actor, "latent_pi"):  # SAC, TQC
-        return [*actor.latent_pi, mean], True
+    if hasattr(actor, "latent_pi"):  # SAC, TQC, CrossQ; with state-dependent exploration the mean is limited as well
+        return Actor([*actor.latent_pi, *(mean if isinstance(mean, torch.nn.Sequential) else [mean])], True)
     if isinstance(mean, torch.nn.Sequential) and isinstance(mean[-1], torch.nn.Tanh):  # TD3, DDPG
-        return list(mean.children())[:-1], True
+        return Actor(list(mean.children())[:-1], True)
+    if isinstance(network := getattr(policy, "action_net", None), torch.nn.Sequential):  # ARS
+        return Actor(list(network.children()), False)
     raise ExportError(
-        f"a policy of the kind {type(policy).__name__} cannot be exported; MlpPolicy of PPO, SAC, TQC, TD3 and DDPG "
-        "can."
+        f"a policy of the kind {type(policy).__name__} cannot be exported; MlpPolicy and MlpLstmPolicy can."
     )
 
 
@@ -177,18 +194,20 @@ def _compare(
     pipeline = ActionPipeline(contract, rows=16)
     file = ReferenceEvaluator(document)
     random = np.random.default_rng(0)
-    state = pipeline.state()
+    state = np.tile(np.asarray(contract.state), (16, 1))
     mean, scale = 0.0, 1.0
+    size, known = len(contract.observation_names), len(contract.state) - contract.policy_memory
     if "mean" in observation:
         mean, scale = np.asarray(observation["mean"]), np.sqrt(np.asarray(observation["variance"]) + 1e-8)
-    seen_by = seen_as_trained(observation)
+        mean, scale = mean[-size:], scale[-size:]  # of the newest observation
+    acting = Acting(model, observation)
     for _ in range(3 * contract.goals_per_action if contract.goals_per_action < 10 else contract.goals_per_action + 2):
-        measured = (random.normal(0.0, 2.0, (16, len(contract.observation_names))) * scale + mean).astype(np.float32)
-        wanted, goal = pipeline.step(measured, lambda seen: model.predict(seen_by(seen), deterministic=True)[0])
+        measured = (random.normal(0.0, 2.0, (16, size)) * scale + mean).astype(np.float32)
+        wanted, goal = pipeline.step(measured, acting)
         feeds = {"observation": measured, "command": pipeline.command, "state": state}
         with np.errstate(all="ignore"):
             action, got, state = (np.asarray(value) for value in file.run(["action", "goal", "next_state"], feeds))
-        memory = np.abs(state - pipeline.state()).max()
+        memory = np.abs(state[:, :known] - pipeline.state()).max()
         difference = float(max(np.abs(action - wanted).max(), np.abs(got - goal).max(), memory))
         if not difference < PARITY:
             raise ExportError(

@@ -36,6 +36,11 @@ class OnnxGraph:
         self._nodes.append(helper.make_node(operator, list(inputs), [output], **attributes))
         return output
 
+    def columns(self, value: str, low: int, high: int | None) -> str:
+        """Name of the columns from ``low`` to ``high`` (None: the last) of a matrix."""
+        ends = (low, np.iinfo(np.int64).max if high is None else high, 1)
+        return self.add("Slice", value, *(self.constant(np.array([n], np.int64)) for n in ends))
+
     def document(
         self, inputs: Sequence[onnx.ValueInfoProto], outputs: Sequence[onnx.ValueInfoProto]
     ) -> onnx.ModelProto:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize, unwrap_vec_wrapper
 
 from ..common.documents import read_json
 from ..common.errors import SealegsError
@@ -48,12 +48,21 @@ def save_for_sb3(folder: Path, model: BaseAlgorithm) -> None:
         normalizer.save(str(folder / "vecnormalize.pkl"))
 
 
-def describe(model: BaseAlgorithm, normalizer: VecNormalize | None) -> dict[str, Any]:
+def describe(model: BaseAlgorithm, normalizer: VecNormalize | None, env: Any = None) -> dict[str, Any]:
     """Observation and action as numbers: shapes, limits, and the normaliser.
 
-    A policy sees ``clip((x - mean) / sqrt(variance + epsilon), -clip, clip)`` of an observation ``x``.
+    A policy sees ``clip((x - mean) / sqrt(variance + epsilon), -clip, clip)`` of an observation ``x``, which is
+    ``history`` observations of the environment, the newest last.
+
+    Args:
+        model: the policy's.
+        normalizer: of its observations.
+        env: that it learned in; None: the model's own.
     """
     observation: dict[str, Any] = {"shape": list(model.observation_space.shape or ())}
+    around: Any = env or model.get_env()
+    if (stack := unwrap_vec_wrapper(around, VecFrameStack)) is not None:
+        observation["history"] = int(stack.stacked_obs.n_stack)
     if normalizer is not None and normalizer.norm_obs and not isinstance(normalizer.obs_rms, dict):
         observation |= {
             "mean": normalizer.obs_rms.mean.tolist(),
@@ -97,18 +106,38 @@ def load_model(folder: Path, trust: bool = False) -> tuple[BaseAlgorithm, dict[s
     return model, description
 
 
-def load_policy(folder: Path, trust: bool = False) -> tuple[Callable[[np.ndarray], np.ndarray], dict[str, Any]]:
-    """A saved policy as a function from observations (n, size) to deterministic actions (n, k), and its description.
+class Acting:
+    """A policy as a function from observations (n, size) to deterministic actions (n, k).
+
+    It keeps what the policy remembers of each simulation: earlier observations, and the state of a recurrent network.
+    """
+
+    def __init__(self, model: BaseAlgorithm, observation: Mapping[str, Any]) -> None:
+        """``observation``: of the policy's description."""
+        self._model, self._seen, self._count = model, seen_as_trained(observation), int(observation.get("history", 1))
+        self._rows, self._state, self._stack = 0, None, np.empty((0, 0))
+
+    def __call__(self, observation: np.ndarray, started: np.ndarray | None = None) -> np.ndarray:
+        """Actions; ``started``: simulations (n,) in which an episode began with this observation, None: none but at
+        the first call."""
+        rows, size = observation.shape
+        first = rows != self._rows
+        began = np.full(rows, True) if first else np.zeros(rows, bool) if started is None else started
+        if first:
+            self._rows, self._state, self._stack = rows, None, np.zeros((rows, self._count * size), np.float32)
+        self._stack[began] = 0.0
+        self._stack = np.concatenate([self._stack[:, size:], observation], axis=1, dtype=np.float32)
+        action, self._state = self._model.predict(self._seen(self._stack), self._state, began, deterministic=True)
+        return action
+
+
+def load_policy(folder: Path, trust: bool = False) -> tuple[Acting, dict[str, Any]]:
+    """A saved policy, ready to act, and its description.
 
     Arguments and errors as of :func:`load_model`.
     """
     model, description = load_model(folder, trust)
-    seen_by = seen_as_trained(description["observation"])
-
-    def act(observation: np.ndarray) -> np.ndarray:
-        return model.predict(seen_by(observation), deterministic=True)[0]
-
-    return act, description
+    return Acting(model, description["observation"]), description
 
 
 def trained_env(description: Mapping[str, Any], folder: Path, task: str | None) -> dict[str, Any]:
@@ -141,15 +170,9 @@ def seen_as_trained(description: Mapping[str, Any]) -> Callable[[np.ndarray], np
     return lambda observation: np.clip((observation - mean) / scale, -clip, clip).astype(np.float32)
 
 
-def policy_of(model: BaseAlgorithm) -> Callable[[np.ndarray], np.ndarray]:
-    """A model in memory as the function that :func:`load_policy` returns."""
-    normalizer = model.get_vec_normalize_env()
-
-    def act(observation: np.ndarray) -> np.ndarray:
-        seen = np.asarray(normalizer.normalize_obs(observation) if normalizer else observation)
-        return model.predict(seen, deterministic=True)[0]
-
-    return act
+def policy_of(model: BaseAlgorithm) -> Acting:
+    """A model in memory as :func:`load_policy` returns it, with the normaliser as it is now."""
+    return Acting(model, describe(model, model.get_vec_normalize_env())["observation"])
 
 
 def policy_step(folder: Path) -> int | None:

@@ -16,6 +16,7 @@ the command: the task's own code says how, traced (:mod:`agents.traced`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -55,17 +56,18 @@ class PolicyGraph:
         actions = len(contract.actions)
         self._action = self._state[:, 1 : 1 + actions]
         self._previous = self._state[:, 1 + actions : 1 + 2 * actions]
-        self._memory = self._state[:, 1 + 2 * actions :]
+        own = len(contract.state) - contract.policy_memory
+        self._memory, self._remembered = self._state[:, 1 + 2 * actions : own], self._state[:, own:]
         self._time = self._state[:, TICKS] / contract.goal_rate
 
-    def document(self, layers: Sequence[torch.nn.Module], squash: bool) -> onnx.ModelProto:
-        """The file of a policy with these layers, its contract left out.
+    def document(self, actor: Actor) -> onnx.ModelProto:
+        """The file of a policy with this network, its contract left out.
 
         Raises:
             TracingError: the task does what a file cannot say.
         """
         graph, contract = self.graph, self.contract
-        new = network(graph, self._normalised(self._seen()), layers, squash)
+        new, remembered = self._acted(actor)
         held = graph.add("Cast", self._action.name, to=TensorProto.FLOAT)
         turn = self._state[:, TICKS, None] / float(contract.goals_per_action)
         fresh = turn - np.floor(turn) < 0.5 / contract.goals_per_action
@@ -76,6 +78,8 @@ class PolicyGraph:
         low, high = np.asarray(contract.goal_low), np.asarray(contract.goal_high)
         graph.add("Identity", traced(np.clip(goal, low, high)).full().name, output="goal")
         parts = [self._state[:, TICKS, None] + 1.0, taken, before, *([memory] if memory.shape[1] else [])]
+        if remembered is not None:
+            parts.append(np.where(fresh, remembered, self._remembered))
         graph.add("Identity", traced(np.concatenate(parts, axis=1)).name, output="next_state")
         size, state = len(contract.observation_names), len(contract.state)
         double, single = TensorProto.DOUBLE, TensorProto.FLOAT
@@ -93,6 +97,24 @@ class PolicyGraph:
         )
 
     # --- parts -------------------------------------------------------------------------------------------------
+
+    def _acted(self, actor: Actor) -> tuple[str, Traced | None]:
+        """The action of the network (n, a) float32, and what the policy remembers after it; None: nothing."""
+        graph, seen, kept = self.graph, self._seen(), []
+        earlier = (self.contract.history - 1) * len(self.contract.observation_names)
+        memory = graph.add("Cast", self._remembered.name, to=TensorProto.FLOAT) if self.contract.policy_memory else ""
+        if earlier:
+            seen = graph.add("Concat", graph.columns(memory, 0, earlier), seen, axis=1)
+            kept.append(graph.columns(seen, len(self.contract.observation_names), None))
+        value = self._normalised(seen)
+        if actor.lstm is not None:
+            value, after = lstm(graph, value, graph.columns(memory, earlier, None), actor.lstm)
+            kept += after
+        action = network(graph, value, actor)
+        if not kept:
+            return action, None
+        name = graph.add("Cast", graph.add("Concat", *kept, axis=1), to=TensorProto.DOUBLE)
+        return action, Traced(graph, name, np.zeros(self._remembered.shape))
 
     def _seen(self) -> str:
         """The observation: measured elements as they come, the others from the state (n, size) float32."""
@@ -118,8 +140,7 @@ class PolicyGraph:
                 column = traced(part[:, None] if part.ndim == 1 else part)
                 names.append(self.graph.add("Cast", column.full().name, to=TensorProto.FLOAT))
             else:
-                ends = [self.graph.constant(np.array([n], np.int64)) for n in (at, at + width, 1)]
-                names.append(self.graph.add("Slice", "observation", *ends))
+                names.append(self.graph.columns("observation", at, at + width))
             at += width
         return self.graph.add("Concat", *names, axis=1)
 
@@ -157,29 +178,92 @@ class PolicyGraph:
             raise TracingError(f"the gait of {name} cannot be exported: {error}") from None
 
 
-def network(graph: OnnxGraph, value: str, layers: Sequence[torch.nn.Module], squash: bool) -> str:
+@dataclass(frozen=True)
+class Actor:
+    """The network of a deterministic policy.
+
+    Attributes:
+        layers: from observation to action.
+        squash: whether a tanh follows them.
+        lstm: before them; None: they look at the observation itself.
+    """
+
+    layers: Sequence[torch.nn.Module]
+    squash: bool
+    lstm: torch.nn.LSTM | None = None
+
+    @property
+    def remembers(self) -> int:
+        """Numbers that it keeps from action to action."""
+        return 0 if self.lstm is None else 2 * self.lstm.num_layers * self.lstm.hidden_size
+
+
+def lstm(graph: OnnxGraph, value: str, memory: str, cells: torch.nn.LSTM) -> tuple[str, list[str]]:
+    """What an LSTM gives after one more step, and its memory thereafter: output and cell of each layer.
+
+    Args:
+        graph: to add to.
+        value: what it sees (n, size).
+        memory: output and cell of each layer, one after the other (n, 2 layers hidden).
+        cells: the LSTM.
+
+    Raises:
+        TracingError: it is of another kind than sb3-contrib's.
+    """
+    if cells.bidirectional or cells.proj_size or not cells.bias:
+        raise TracingError("the policy has a bidirectional, projected or unbiased LSTM, which cannot be exported.")
+    size, after = cells.hidden_size, []
+    for layer in range(cells.num_layers):
+        at = 2 * size * layer
+        output, cell = graph.columns(memory, at, at + size), graph.columns(memory, at + size, at + 2 * size)
+        sums = []
+        for source, kind in ((value, "ih"), (output, "hh")):
+            weights = (getattr(cells, f"{part}_{kind}_l{layer}") for part in ("weight", "bias"))
+            constants = (graph.constant(item.detach().cpu().numpy()) for item in weights)
+            sums.append(graph.add("Gemm", source, *constants, transB=1))
+        total = graph.add("Add", *sums)
+        admit, keep, new, show = (  # torch's order of the gates
+            graph.add(operator, graph.columns(total, k * size, (k + 1) * size))
+            for k, operator in enumerate(("Sigmoid", "Sigmoid", "Tanh", "Sigmoid"))
+        )
+        cell = graph.add("Add", graph.add("Mul", keep, cell), graph.add("Mul", admit, new))
+        value = graph.add("Mul", show, graph.add("Tanh", cell))
+        after += [value, cell]
+    return value, after
+
+
+def network(graph: OnnxGraph, value: str, actor: Actor) -> str:
     """The deterministic action, as ``model.predict`` gives it.
 
     Raises:
         TracingError: a layer is not dense.
     """
-    for layer in layers:
+    for layer in actor.layers:
         value = _layer(graph, value, layer)
-    if squash:  # low and high are -1 and 1 in every environment of ours
+    if actor.squash:  # low and high are -1 and 1 in every environment of ours
         value = graph.add("Tanh", value)
     return graph.add("Clip", value, graph.constant(np.float32(-1.0)), graph.constant(np.float32(1.0)))
 
 
 def _layer(graph: OnnxGraph, value: str, layer: torch.nn.Module) -> str:
     if isinstance(layer, torch.nn.Linear):
-        weight, bias = (graph.constant(p.detach().cpu().numpy()) for p in (layer.weight, layer.bias))
-        return graph.add("Gemm", value, weight, bias, transB=1)
+        parts = [graph.constant(p.detach().cpu().numpy()) for p in (layer.weight, layer.bias) if p is not None]
+        return graph.add("Gemm", value, *parts, transB=1)
     if isinstance(layer, torch.nn.Tanh):
         return graph.add("Tanh", value)
     if isinstance(layer, torch.nn.ReLU):
         return graph.add("Relu", value)
     if isinstance(layer, torch.nn.ELU):
         return graph.add("Elu", value, alpha=layer.alpha)
+    if isinstance(layer, torch.nn.Hardtanh):
+        ends = (graph.constant(np.float32(end)) for end in (layer.min_val, layer.max_val))
+        return graph.add("Clip", value, *ends)
+    if type(layer).__name__ == "BatchRenorm1d":  # of sb3-contrib, which need not be installed
+        numbers: Any = layer
+        scale = numbers.scale / torch.sqrt(numbers.ra_var + numbers.eps)
+        pair = (scale, numbers.bias - scale * numbers.ra_mean)
+        factor, shift = (graph.constant(item.detach().cpu().numpy()) for item in pair)
+        return graph.add("Add", graph.add("Mul", value, factor), shift)
     raise TracingError(
         f"the policy has a layer {type(layer).__name__}, which cannot be exported; dense layers with tanh, relu or elu "
         "can."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard.writer import SummaryWriter
 
 
@@ -18,10 +18,11 @@ class ResumableTensorBoard(TensorBoardOutputFormat):
         self._is_closed = False
 
 
-def tensorboard_logger(folder: Path, step: int) -> Logger:
-    """Logger of event files in ``folder``; readers drop what an earlier session wrote there after ``step``."""
+def tensorboard_logger(folder: Path, step: int, *others: KVWriter) -> Logger:
+    """Logger of event files in ``folder``, and into ``others``; readers drop what an earlier session wrote there after
+    ``step``."""
     for file in folder.glob("events.out.tfevents.*"):
         # Readers take the files in the order of their names, which begin with the second they were made in.
         while int(time.time()) <= int(file.name.split(".")[3]):
             time.sleep(0.1)
-    return Logger(str(folder), [ResumableTensorBoard(folder, step)])
+    return Logger(str(folder), [ResumableTensorBoard(folder, step), *others])

@@ -27,12 +27,13 @@ from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
 from ..envs.engine.sb3 import BatchVecEnv
 from ..envs.engine.task import ModulatedTask
-from .algorithms import build, normalized, schedule_start
+from .algorithms import build, schedule_start, wrapped
 from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
 from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from .config import Request, TrainConfig, with_overrides
 from .export import FILE, ExportError, write_onnx
 from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
+from .parts import callback
 from .policy_files import policy_of, policy_reward, policy_step, save_for_sb3, save_policy
 from .run_chains import chains, read_chains, write_chains
 from .run_folder import RunFolder
@@ -41,6 +42,7 @@ from .seeds import is_study, learn_all, write_seeds
 from .stop import StopSignals
 from .tensorboard import tensorboard_logger
 from .video import record_video
+from .wandb_output import WandbOutput
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2
@@ -59,7 +61,7 @@ def train(request: Request) -> Path:
     if request.resume is not None:
         run = RunFolder.open(request.resume)
         with contextlib.closing(run), _disk_errors(run, request.task):
-            config = with_overrides(run.read_config(), request.overrides, str(run.path), request.task)
+            config = with_overrides(run.read_config(), request.overrides, str(run.path), request.task, request.trust)
             Session.resumed(run, config, request.trust).learn()
         return run.path
     assert request.config is not None
@@ -85,7 +87,7 @@ def _train_seeds(request: Request, folder: Path) -> Path:
 
     def finished(run: Path) -> bool:
         stored = read_yaml(run / "config.yaml")
-        config = with_overrides(stored, request.overrides, str(run), request.task)
+        config = with_overrides(stored, request.overrides, str(run), request.task, request.trust)
         step = policy_step(run / "final") or 0
         return step >= config.total_timesteps and not _unfinished(run, config, step)
 
@@ -105,13 +107,16 @@ class Session:
         self._not_exported = ""
         self.chains = chains(env.engine)
         algorithm = config.agent["algorithm"]
-        self.description = {"algorithm": algorithm, "env": config.env, "actuators": self.chains, **_interface(env)}
+        wrappers = config.agent.get("wrappers", [])
+        self.description = {
+            "algorithm": algorithm, "env": config.env, "actuators": self.chains, "wrappers": wrappers, **_interface(env)
+        }  # fmt: skip
         evaluate = config.evaluate
         eval_env = make_vec_env(
             config.env, self.chains, min(evaluate.episodes, 8), stream_seed(config.seed, _EVALUATION)
         )
         self.evaluation = Evaluation(
-            normalized(eval_env, config.agent, training=False),
+            wrapped(eval_env, config.agent, training=False),
             every=evaluate.every,
             episodes=evaluate.episodes,
             seed=stream_seed(config.seed, _EVALUATION),
@@ -179,7 +184,9 @@ class Session:
         Raises:
             Interrupted: the user stopped the run; a checkpoint is saved.
         """
-        self.model.set_logger(tensorboard_logger(self.run.path / "tensorboard", self.from_step))
+        project, path = self.config.wandb, self.run.path
+        others = () if project is None else (WandbOutput(project, path, self.config.as_dict()),)
+        self.model.set_logger(tensorboard_logger(path / "tensorboard", self.from_step, *others))
         with StopSignals() as signals:
             try:
                 if self.from_step < self.config.total_timesteps:
@@ -204,7 +211,8 @@ class Session:
         )
         progress = ProgressReport(config.total_timesteps)
         saving = Checkpoints(config.checkpoint.every, self.save_checkpoint)
-        callbacks = CallbackList([StopOnSignal(signals), EpisodeTerms(), self.evaluation, saving, progress])
+        own = [callback(item) for item in config.agent.get("callbacks", ())]
+        callbacks = CallbackList([StopOnSignal(signals), EpisodeTerms(), self.evaluation, saving, progress, *own])
         remaining = config.total_timesteps - self.from_step
         started = time.monotonic()
         try:
@@ -336,7 +344,7 @@ def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm
     torch.set_num_threads(config.threads)
     seed = stream_seed(config.seed, _TRAINING)
     env = make_vec_env(config.env, actuator, config.n_envs, seed)
-    return build(config.agent, normalized(env, config.agent, training=True), seed), env
+    return build(config.agent, wrapped(env, config.agent, training=True), seed), env
 
 
 def _own_task(config: TrainConfig) -> str | None:

@@ -29,13 +29,13 @@ class Episode:
 
 
 def record_video(
-    file: Path, act: Callable[[np.ndarray], np.ndarray], env: gymnasium.Env, seconds: float, seed: int
+    file: Path, act: Callable[..., np.ndarray], env: gymnasium.Env, seconds: float, seed: int
 ) -> list[Episode]:
     """Film a policy in ``env`` (render mode ``rgb_array``) for ``seconds`` [s] into an mp4, episode after episode.
 
     Args:
         file: to write.
-        act: actions (1, k) for observations (1, size).
+        act: actions (1, k) for observations (1, size), and whether an episode began with them (1,).
         env: that draws itself.
         seconds: of the film.
         seed: of the first start.
@@ -52,6 +52,7 @@ def record_video(
     episodes: list[Episode] = []
     goals, steps, total = itertools.count(), 0, 0.0
     observation, _ = env.reset(seed=seed)
+    began = np.array([True])
     with _drawing():
         film = imageio.get_writer(file, fps=1.0 / (stride * between), macro_block_size=2)
     with film:
@@ -63,7 +64,8 @@ def record_video(
 
         engine.watch = watch
         for _ in range(max(1, round(seconds / engine.dt))):
-            observation, reward, terminated, truncated, _ = env.step(act(observation[None])[0])
+            observation, reward, terminated, truncated, _ = env.step(act(observation[None], began)[0])
+            began = np.array([terminated or truncated])
             steps, total = steps + 1, total + float(reward)
             if terminated or truncated:
                 episodes.append(Episode(steps * engine.dt, total, "failed" if terminated else "whole"))

@@ -23,15 +23,21 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from ..common.documents import parse_json, regular
 from ..common.errors import SealegsError
-from .algorithms import ACTIVATIONS, ALGORITHMS, algorithm, build
+from ..configs.check import arguments
+from .algorithms import ACTIVATIONS, ALGORITHMS, algorithm, build, name_of
 
 FILE = "policy.safetensors"
 ZIP = "model.zip"
 MOST = 2**36  # [B] of a file, such as the replay buffer of a large machine
 _ABOUT = "sealegs"  # entry of a file's metadata, a JSON document
-_NUMBERS = ("log_std_init", "n_critics")
-_FLAGS = ("ortho_init", "full_std", "use_expln", "squash_output", "share_features_extractor")
-_DEFAULT_SIZES = {"ppo": (64, 64), "sac": (256, 256)}  # of hidden layers, where a config names none
+_NUMBERS = ("log_std_init", "n_critics", "n_quantiles", "lstm_hidden_size", "n_lstm_layers")
+_FLAGS = (
+    *("ortho_init", "full_std", "use_expln", "squash_output", "share_features_extractor", "with_bias", "batch_norm"),
+    *("shared_lstm", "enable_critic_lstm"),
+)
+_POLICIES = ("MlpPolicy", "LinearPolicy", "MlpLstmPolicy")
+_DEFAULT_SIZES = {"sac": (256, 256), "tqc": (256, 256), "crossq": (256, 256), "td3": (400, 300), "ddpg": (400, 300)}
+"""Of hidden layers, where a config names none; (64, 64) of the others."""
 
 
 Loaded = TypeVar("Loaded")
@@ -130,8 +136,10 @@ def read_weights(folder: Path, description: Mapping[str, Any]) -> BaseAlgorithm:
     tensors, about = read_tensors(path)
     name = _checked_network(about, path)
     spaces = _spaces(description, folder, sum(value.numel() for value in tensors.values()), about)
-    small = {"buffer_size": 1} if name == "sac" else {"n_steps": 2, "batch_size": 2}  # nothing is learnt
-    network = {"policy": "MlpPolicy", "policy_kwargs": about["policy_kwargs"], "use_sde": about["use_sde"]}
+    taken = arguments(algorithm(name).__init__)
+    sizes = {"buffer_size": 1} if "buffer_size" in taken else {"n_steps": 2, "batch_size": 2}  # nothing is learnt
+    small = {key: value for key, value in {**sizes, "use_sde": about["use_sde"]}.items() if key in taken}
+    network = {"policy": about.get("policy", "MlpPolicy"), "policy_kwargs": about["policy_kwargs"]}
     env = DummyVecEnv([lambda: _Nothing(*spaces)])
     model = build({"algorithm": name, **network, **small, "device": "cpu"}, env, None)
     check_like(tensors, model.policy.state_dict(), path)
@@ -157,8 +165,11 @@ def _network(model: BaseAlgorithm) -> dict[str, Any]:
                 f"{', '.join(ACTIVATIONS)}."
             )
         given["activation_fn"] = names[activation]
-    name = next(name for name, kind in ALGORITHMS.items() if isinstance(model, kind))
-    return {"algorithm": name, "use_sde": bool(getattr(model, "use_sde", False)), "policy_kwargs": given}
+    policy = next((name for name in _POLICIES if model.policy_aliases.get(name) is type(model.policy)), None)
+    if policy is None:
+        raise SealegsError(f"weights of a {type(model.policy).__name__} cannot be saved; take {', '.join(_POLICIES)}.")
+    use_sde = bool(getattr(model, "use_sde", False))
+    return {"algorithm": name_of(model), "policy": policy, "use_sde": use_sde, "policy_kwargs": given}
 
 
 def _checked_network(about: Mapping[str, Any], where: Path) -> str:
@@ -168,7 +179,7 @@ def _checked_network(about: Mapping[str, Any], where: Path) -> str:
         SealegsError: it is not.
     """
     name, keywords = about.get("algorithm"), about.get("policy_kwargs")
-    known = isinstance(name, str) and name in ALGORITHMS
+    known = isinstance(name, str) and name in ALGORITHMS and about.get("policy", "MlpPolicy") in _POLICIES
     if not (known and isinstance(about.get("use_sde"), bool) and isinstance(keywords, dict)):
         raise SealegsError(f"{where} names no network that can be built here; export the policy again.")
     for key, value in keywords.items():
@@ -195,10 +206,18 @@ def _are_sizes(value: Any) -> bool:
 def _least_weights(about: Mapping[str, Any], inputs: int, outputs: int) -> float:
     """Fewest numbers that such a network can have."""
     keywords = about["policy_kwargs"]
-    sizes = keywords.get("net_arch", _DEFAULT_SIZES[about["algorithm"]])
+    default = [] if about.get("policy") == "LinearPolicy" else _DEFAULT_SIZES.get(about["algorithm"], (64, 64))
+    sizes = keywords.get("net_arch", default)
     chains = list(sizes.values()) if isinstance(sizes, dict) else [sizes]
-    each = [sum(a * b for a, b in itertools.pairwise([inputs, *chain])) for chain in chains] or [0]
-    return max(each) + max(1, min(each)) * (keywords.get("n_critics", 1) - 1) + inputs + outputs
+    hidden, layers = (
+        keywords.get("lstm_hidden_size", 256 * (about["algorithm"] == "recurrent_ppo")),
+        keywords.get("n_lstm_layers", 1),
+    )
+    recurrent = 4 * hidden * (inputs + hidden + 2 * hidden * (layers - 1)) if hidden else layers - 1
+    each = [sum(a * b for a, b in itertools.pairwise([hidden or inputs, *chain])) for chain in chains] or [0]
+    critics = keywords.get("n_critics", 1)
+    quantiles = keywords.get("n_quantiles", 0) * critics
+    return max(each) + max(1, min(each)) * (critics - 1) + recurrent + quantiles + max(inputs, outputs)
 
 
 def _spaces(

@@ -155,7 +155,7 @@ def physics(
 def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict[str, Any]:
     """PPO steps/s on the hopper: the batch engine against :class:`PythonHopper` under 8 ``SubprocVecEnv``."""
     import torch
-    from sealegs.agents.algorithms import build, checked_agent, normalized
+    from sealegs.agents.algorithms import build, checked_agent, wrapped
     from sealegs.configs.compose import compose
     from sealegs.envs.engine.sb3 import BatchVecEnv
     from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
@@ -167,9 +167,9 @@ def training(rollouts: int, repeats: int, report: Callable[[str], None]) -> dict
     agent, count = checked_agent(config["agent"]), TRAINING_SIMULATIONS
     rollout = int(agent["n_steps"]) * int(config["n_envs"])
     batch = BatchVecEnv("SeaLegs/Hopper-v0", count, seed=0, actuator="sv1270tg")
-    ours = build(agent | {"n_steps": rollout // count}, normalized(batch, agent, True), 0)
+    ours = build(agent | {"n_steps": rollout // count}, wrapped(batch, agent, True), 0)
     processes = SubprocVecEnv([PythonHopper] * 8, start_method="spawn")
-    theirs = build(agent | {"n_steps": rollout // 8}, normalized(VecMonitor(processes), agent, True), 0)
+    theirs = build(agent | {"n_steps": rollout // 8}, wrapped(VecMonitor(processes), agent, True), 0)
     learners = {"batch": ours, "subproc": theirs}
     rates: dict[str, list[float]] = {name: [] for name in learners}
     spent = dict.fromkeys(learners, 0.0)

@@ -23,6 +23,7 @@ COMMANDS = {
     "virtual": ("sealegs.hw.virtual.__main__", "virtual", "serve a virtual bus of servos"),
     "new-robot": ("sealegs.commands.new_robot", "", "write the YAML of a robot from its MJCF or URDF"),
     "export": ("sealegs.agents.export", "", "write a trained policy as ONNX"),
+    "hub": ("sealegs.agents.hub", "", "share runs by the Hugging Face hub, without pickles"),
     "repair-log": ("sealegs.hw.run.measured_log", "", "copy a log without the line that a power cut tore"),
     "import": ("sealegs.commands.import_log", "import", "turn recordings of other formats into measured logs"),
     "demo": ("sealegs.commands.demo", "demo", "measure, diagnose, extend and train once, without hardware"),

@@ -9,11 +9,15 @@ from .errors import SealegsError
 
 EXTRAS = {
     "train": ("imageio", "imageio_ffmpeg", "onnx", "stable_baselines3", "tensorboard", "torch"),
+    "contrib": ("sb3_contrib",),
     "report": ("jinja2", "matplotlib", "plotly"),
     "video": ("moviepy",),
     "hw": ("onnxruntime", "scservo_sdk", "serial"),
     "dynamixel": ("dynamixel_sdk",),
     "imu": ("adafruit_bno055", "adafruit_bno08x", "adafruit_extended_bus", "adafruit_icm20x", "adafruit_mpu6050"),
+    "wandb": ("wandb",),
+    "hub": ("huggingface_hub",),
+    "gamepad": ("pygame",),
     "fleet": ("ray",),
     "hdf5": ("h5py", "pymatreader"),
     "ros": ("rosbags",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import MISSING, asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -56,10 +56,12 @@ class Contract:
             :mod:`sealegs.envs.engine.base`.
         history: observations that the policy sees at once, the newest last; an earlier action is an element of its own.
         commands: numbers that the task asks for.
-        state: of the policy at the start: goals given so far, the latest action and the one before, and the memory of
-            the generator whose gait it modulates.
+        state: of the policy at the start: goals given so far, the latest action and the one before, the memory of the
+            generator whose gait it modulates, and what the policy itself remembers.
         chains: stages of the chain on each joint, as the policy was trained with.
         chain_hash: of these chains, with the contents of their nets.
+        policy_memory: elements of the state, its last ones, that are the policy's own: earlier observations, and the
+            state of a recurrent network.
     """
 
     env: dict[str, Any]
@@ -81,6 +83,7 @@ class Contract:
     state: tuple[float, ...]
     chains: dict[str, list[dict[str, Any]]]
     chain_hash: str
+    policy_memory: Natural = 0
 
     @property
     def goal_rate(self) -> float:
@@ -133,7 +136,8 @@ class Contract:
                     f"{VERSION}; export the policy again."
                 )
             types = get_type_hints(cls, include_extras=True)
-            values = {item.name: checked(item.name, document[item.name], types[item.name]) for item in fields(cls)}
+            known = [item for item in fields(cls) if item.default is MISSING or item.name in document]
+            values = {item.name: checked(item.name, document[item.name], types[item.name]) for item in known}
             contract = cls(**values)
             contract._check_sizes()
         except (ValueError, LookupError, TypeError) as error:
@@ -146,6 +150,9 @@ class Contract:
         for name in ("units", "start", "goal_low", "goal_high"):
             if len(getattr(self, name)) != len(self.joints):
                 raise ValueError(f"{name} has {len(getattr(self, name))} entries for {len(self.joints)} joints")
+        least, most = (self.history - 1) * len(self.observation_names), len(self.state) - 1 - 2 * len(self.actions)
+        if not least <= self.policy_memory <= most:
+            raise ValueError(f"policy_memory is {self.policy_memory}, and must be from {least} to {most}")
         if not isinstance(self.env.get("id"), str):
             raise ValueError("env has no id")
         if self.delay * self.goal_rate >= 1.0:  # as in training; the loop waits for so long within a cycle
@@ -193,13 +200,17 @@ def chain_hash(chains: Mapping[str, Chain]) -> str:
     return _hash({name: [_contents(stage) for stage in chain.to_list()] for name, chain in chains.items()})
 
 
-def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_rate: float) -> Contract:
+def make_contract(
+    env: Mapping[str, Any], chains: Mapping[str, list], control_rate: float, history: int = 1, recurrent: int = 0
+) -> Contract:
     """Contract of a policy that was trained in ``env`` with ``chains``.
 
     Args:
         env: id and arguments of the environment.
         chains: stages by joint.
         control_rate: actions per second [Hz].
+        history: observations that the policy sees at once.
+        recurrent: numbers that its network remembers from action to action.
 
     Raises:
         SealegsError: as :func:`task_of`, or a chain that is none.
@@ -215,6 +226,7 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
     check_position_goals(robot, loaded, "a policy gives")
     units = BaseLayout(robot, params).units
     start, state = start_of(task, numbers)
+    remembered = (history - 1) * len(task.observation_names()) + recurrent
     return Contract(
         env=json.loads(json.dumps(kept)),
         robot=robot.name,
@@ -230,11 +242,12 @@ def make_contract(env: Mapping[str, Any], chains: Mapping[str, list], control_ra
         delay=float(engine.get("action_delay") or 0.0),
         observation_names=tuple(task.observation_names()),
         sensors=needed_sensors(task, numbers, loaded),
-        history=1,
+        history=history,
         commands=task.commands(np.zeros((1, task.draws))).shape[1],
-        state=tuple(state.tolist()),
+        state=(*state.tolist(), *[0.0] * remembered),
         chains={name: list(chains[name]) for name in names},
         chain_hash=chain_hash(loaded),
+        policy_memory=remembered,
     )
 
 

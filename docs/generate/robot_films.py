@@ -65,7 +65,7 @@ def hopper(film: Path) -> None:
 def arm(film: Path) -> None:
     """The tool follows the line of the paper, led by the goals that a policy would correct."""
     env = make_single_env(checked_env({"id": "SeaLegs/Arm-v0"}), None, WIDTH, HEIGHT)
-    record_video(film, lambda observation: np.zeros((1, 3), np.float32), env, SECONDS, 0)
+    record_video(film, lambda *_: np.zeros((1, 3), np.float32), env, SECONDS, 0)
     env.close()
 
 

@@ -97,7 +97,10 @@ class PolicyCommands:
         self.delay = policy.contract.delay
         self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
         self.history: list[Seen] = []
-        self._goal, self._remembers = self.start(), len(policy.contract.state) > 1 + 2 * len(policy.contract.actions)
+        contract = policy.contract
+        # what the policy itself remembers moves on with its actions, of which none is made up for
+        generator = len(contract.state) - contract.policy_memory - 1 - 2 * len(contract.actions)
+        self._goal, self._remembers = self.start(), generator > 0
         self._last, self._asked_at, self._took, self._now = -1, 0.0, 0.0, monotonic
         self._observation = np.zeros(len(policy.contract.observation_names), np.float32)
         policy.act(self._observation[None], self.observer.command[None], self.observer.state[None])

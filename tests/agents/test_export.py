@@ -13,6 +13,7 @@ import onnx
 import pytest
 import sealegs
 import torch
+from sb3_contrib import ARS, TQC, TRPO, CrossQ, RecurrentPPO
 from sealegs.actuators import load_chain
 from sealegs.agents.export import export_policy, write_onnx
 from sealegs.agents.policy_files import describe, save_policy
@@ -20,8 +21,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import KEY, Contract, ContractError, chain_hash, make_contract
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.hw.run.policy import Policy
-from stable_baselines3 import DDPG, PPO, SAC, TD3
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecFrameStack, VecMonitor, VecNormalize
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ENV = {"id": "SeaLegs/Hopper-v0", "randomization": None}
@@ -110,13 +111,74 @@ def exported(model: Any, out: Path, rows: int, **keywords: Any) -> Contract:
     return policy.contract
 
 
-@pytest.mark.parametrize("algorithm", [PPO, SAC, TD3, DDPG])
+@pytest.mark.parametrize("algorithm", [PPO, SAC, TD3, DDPG, A2C, ARS, CrossQ, TQC, TRPO])
 def test_one_call_exports_a_model_of_a_script_of_ones_own(algorithm: Any, tmp_path: Path) -> None:
     env = BatchVecEnv("SeaLegs/Track-v1", 2, seed=0, robot="bench", amplitude=0.5, actuator="sts3215")
     contract = exported(algorithm("MlpPolicy", VecNormalize(env), device="cpu"), tmp_path / "policy.onnx", 5)
     kept = {"id": "SeaLegs/Track-v1", "robot": "bench", "amplitude": 0.5, **env.engine.fitted}
     assert contract.env == kept and kept["lead"] > 0.0
     assert contract.chains == {"joint": env.engine.chains["joint"].to_list()} and contract.control_rate == 50.0
+
+
+def louder(model: Any) -> Any:
+    """The model with weights so large that its actions and its memory move."""
+    with torch.no_grad():
+        for parameter in model.policy.parameters():
+            parameter.mul_(3.0)
+    return model
+
+
+@pytest.mark.parametrize("stacked", [1, 3])
+@pytest.mark.parametrize("algorithm", [SAC, RecurrentPPO])
+def test_a_policy_that_remembers_acts_from_its_file_as_in_training(
+    algorithm: Any, stacked: int, tmp_path: Path
+) -> None:
+    """Over an episode, the file carries what SB3 keeps outside of the model: earlier observations, an LSTM's state."""
+    batch = BatchVecEnv("SeaLegs/Hopper-v0", 3, seed=0)
+    env = VecNormalize(VecFrameStack(batch, stacked) if stacked > 1 else batch, training=False)
+    recurrent = algorithm is RecurrentPPO
+    network = {"lstm_hidden_size": 8, "n_lstm_layers": 2, "net_arch": [8]} if recurrent else {"net_arch": [8]}
+    model = louder(algorithm("MlpLstmPolicy" if recurrent else "MlpPolicy", env, policy_kwargs=network, device="cpu"))
+    policy = Policy(sealegs.export(model, tmp_path / "policy.onnx"))
+    size, contract = len(policy.contract.observation_names), policy.contract
+    assert contract.history == stacked and contract.policy_memory == (stacked - 1) * size + 32 * recurrent
+    seen, began, memory = env.reset(), np.ones(3, bool), None
+    state = np.tile(np.asarray(contract.state), (3, 1))
+    held = [k for k, name in enumerate(contract.observation_names) if name.startswith("last")]
+    state[:, 1:3] = np.asarray(env.get_original_obs())[:, np.array(held) - size]  # each begins in a pose of its own
+    assert contract.observation_names[0] == "commanded speed [m/s]" and contract.commands == 1
+    actions = []
+    for _ in range(12):
+        action, memory = model.predict(seen, memory, began, deterministic=True)
+        measured = np.asarray(env.get_original_obs())[:, -size:]
+        from_file, _, state = policy.act(measured, measured[:, :1], state)
+        assert from_file == pytest.approx(action, abs=1e-5)
+        actions.append(action)
+        seen, _, began, _ = env.step(action)
+        if began.any():
+            break
+    assert len(actions) > 5 and np.ptp(actions, axis=0).max() > 0.01
+
+
+def test_an_observation_stacked_after_the_normaliser_is_refused(tmp_path: Path) -> None:
+    env = VecFrameStack(VecNormalize(BatchVecEnv("SeaLegs/Hopper-v0", 2)), 2)
+    with pytest.raises(SealegsError, match="put VecNormalize around"):
+        sealegs.export(PPO("MlpPolicy", env, device="cpu"), tmp_path / "policy.onnx")
+
+
+def test_a_wrapper_that_no_file_holds_is_refused_by_name(tmp_path: Path) -> None:
+    class Doubled(VecEnvWrapper):
+        def reset(self) -> Any:
+            return self.venv.reset()
+
+        def step_wait(self) -> Any:
+            observation, *rest = self.venv.step_wait()
+            return (2.0 * np.asarray(observation), *rest)
+
+    batch = BatchVecEnv("SeaLegs/Hopper-v0", 2)
+    exported(PPO("MlpPolicy", VecMonitor(batch), device="cpu"), tmp_path / "monitor.onnx", 14)
+    with pytest.raises(SealegsError, match="what Doubled does is in no file"):
+        sealegs.export(PPO("MlpPolicy", Doubled(batch), device="cpu"), tmp_path / "policy.onnx")
 
 
 def test_a_model_of_single_environments_is_exported_and_one_of_another_project_refused(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ def test_a_policy_is_watched_on_the_machine_that_a_diagnosis_found(
 @pytest.mark.long
 def test_a_gait_that_is_told_once_a_second_is_filmed_in_between(tmp_path: Path) -> None:
     env = make_single_env({"id": "SeaLegs/Hexapod-v0"}, None, 64, 48)
-    episodes = record_video(tmp_path / "film.mp4", lambda observation: np.zeros((1, 6)), env, 1.0, 0)
+    episodes = record_video(tmp_path / "film.mp4", lambda *_: np.zeros((1, 6)), env, 1.0, 0)
     env.close()
     assert [episode.seconds for episode in episodes] == [1.0]
     assert len(imageio.mimread(tmp_path / "film.mp4")) > 20

@@ -210,7 +210,6 @@ def changed(contract: Contract, **values: Any) -> Contract:
         ("robot", "hopper", "give robot=hopper"),
         ("joints", ("elbow",), "elbow"),
         ("robot_hash", "0" * 16, "the robot's numbers differ"),
-        ("history", 4, "single observations"),
         ("observation_names", ("target [rad]", "height [m]"), "train it again"),
         ("chain_hash", "0" * 16, "actuator=<name or path>"),
     ],
