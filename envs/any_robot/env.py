@@ -219,7 +219,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
 
     ## Starting State
     The robot stands, at rest, with uniform noise of $\pm$ `start_noise` times half of each joint's range. The command is
-    uniform in its ranges; in a share `stand_share` of the episodes it is 0. Then `randomization` is drawn.
+    uniform in its ranges; in a share `stand_share` of the episodes it is 0. With `command_interval` above 0, a new one is
+    drawn after so many seconds, and again. Then `randomization` is drawn.
 
     ## Episode End
     ### Termination
@@ -243,6 +244,7 @@ class WalkEnv(SingleEnv, task=WalkTask):
     | `sideways`         | float or pair     | `(-0.1, 0.1)` | the same to the left [m/s] |
     | `turn`             | float or pair     | `(-0.6, 0.6)` | the same about the vertical [rad/s] |
     | `stand_share`      | float             | `0.1`         | see Starting State |
+    | `command_interval` | float             | `0.0`         | between commands of an episode; 0: it has one [s] |
     | `correction`       | float             | `0.25`        | see Action Space |
     | `cadence`          | float             | `0.0`         | cycles of the reference gait per second [Hz]; 0: none |
     | `lift`             | float             | `0.03`        | of a foot, in the reference gait and the reward [m] |

@@ -32,6 +32,7 @@ class WalkTask(AnyRobotTask):
     sideways: float | Sequence[float] = (-0.1, 0.1)
     turn: float | Sequence[float] = (-0.6, 0.6)
     stand_share: float = 0.1
+    command_interval: float = 0.0
     correction: float = 0.25
     cadence: float = 0.0
     lift: float = 0.03
@@ -65,6 +66,8 @@ class WalkTask(AnyRobotTask):
         for name in ("tolerance", "turn_tolerance", "lift"):
             if not getattr(self, name) > 0.0:  # errors count as shares of it
                 raise SealegsError(f"{name} is {getattr(self, name):g}; it must be above 0.")
+        if self.command_interval < 0.0:
+            raise SealegsError(f"command_interval is {self.command_interval:g} s; it must be above 0, or 0 for none.")
         type(self).standing_of()
 
     @classmethod

@@ -7,6 +7,7 @@ seed s draws from the generator of seed s + i. So it is bit-equal to a batch of 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +30,10 @@ from .robot import ChainSource
 from .sides import Sides
 from .task import ModulatedTask, Motion, Task
 from .task_shapes import check_observation, check_step
+from .terrain import Terrain
 from .world import World, with_contacts
+
+ON_TIME = 1e-6  # of an interval, that times are rounded by
 
 
 @dataclass(slots=True)
@@ -72,6 +76,7 @@ class BatchEngine:
         dt: control step [s].
         steps: control steps since reset, (n,).
         world: contacts, bodies, sites and sensors that the task sees.
+        seen: model of the simulation that was looked at last, with what its episode drew.
         drawn: values of the running episodes' randomisation by name, (n,) each.
     """
 
@@ -121,7 +126,11 @@ class BatchEngine:
         self.chains = self.drivetrain.chains
         check_position_goals(task.robot, self.chains, "a task gives")
         self.randomization = Randomization(self.drivetrain, randomization)
-        if self.randomization.chains != self.chains:
+        spans = self.randomization.uneven
+        self._terrain = Terrain.under(self.drivetrain.model, spans) if spans else None
+        if self._terrain is not None:
+            robot = self._terrain.on(robot)
+        if self._terrain is not None or self.randomization.chains != self.chains:
             self.drivetrain = robot.drivetrain(self.randomization.chains, params)
         model = self.drivetrain.model
         self.substeps = _substeps(control_rate, model.opt.timestep)
@@ -129,6 +138,7 @@ class BatchEngine:
         self.dt = self.substeps * model.opt.timestep
         self.max_episode_steps, self.autoreset = max_episode_steps, autoreset
         self.batch = Batch(model, num_envs, 1 if num_envs == 1 else threads)
+        self.seen = copy(model)
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self._ctrl, self._time = self.batch.bind("ctrl"), self.batch.bind("time")
         self._userdata = self.batch.bind("userdata")
@@ -181,8 +191,8 @@ class BatchEngine:
 
     def look(self, simulation: int, data: mujoco.MjData) -> mujoco.MjData:
         """Copy the state of one simulation into ``data``, with all that follows from it: poses, speeds, contacts,
-        forces, sensors; the simulation is not touched."""
-        model = self.drivetrain.model
+        forces, sensors; the simulation is not touched. :attr:`seen` is its model until the next look."""
+        model = self.batch.get_model(simulation, self.seen)
         mujoco.mj_setState(model, data, self.batch.state[simulation], mujoco.mjtState.mjSTATE_INTEGRATION)
         install()
         mujoco.mj_forward(model, data)
@@ -236,6 +246,8 @@ class BatchEngine:
         qpos, qvel = self._qpos[chosen], self._qvel[chosen]
         goals = self.task.place(self.drivetrain, self.numbers, random[:, :task_draws], qpos, qvel)
         place_followers(self.drivetrain.model, self._followers, qpos)
+        if self._terrain is not None and self._base is not None:
+            qpos[:, self._base[0] : self._base[0] + 3] += self.disturbances.place(chosen, self._terrain)
         if (turn := self.disturbances.slope(chosen)) is not None and self._base is not None:
             tilt_floor(self.batch, chosen, turn)
             stand_on_slope(turn, qpos[:, self._base[0] : self._base[0] + 7])
@@ -296,6 +308,7 @@ class BatchEngine:
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             np.greater_equal(self.steps, self.max_episode_steps, out=truncated)
+        self._renew_commands()
         observation = self._observation(motion)
         flags = {"net_out_of_range": self._userdata[:, self._out_of_range].sum(axis=1), "unstable": unstable}
         self._link_before, self._reading_before = motion.link, motion.reading
@@ -314,6 +327,16 @@ class BatchEngine:
             done=done,
             final_observation=final,
         )
+
+    def _renew_commands(self) -> None:
+        """Draw new commands where the task wants others by now."""
+        if self.task.command_interval <= 0.0:
+            return
+        number = np.floor(self.steps * self.dt / self.task.command_interval + ON_TIME)
+        before = np.floor((self.steps - 1) * self.dt / self.task.command_interval + ON_TIME)
+        for simulation in np.flatnonzero(number > before):
+            random = self.generators[simulation].random((1, self.task.draws))
+            self._command[simulation] = self.task.commands(random)[0]
 
     def simulate(self, steps: int) -> None:
         """Let so many steps of the simulation pass, with the goals as they are."""

@@ -14,9 +14,9 @@ from mujoco.batch import Batch
 from scipy.special import ndtri
 
 from . import keyed, turns
-from .scene import FLOOR
+from .terrain import Terrain, floors
 
-READING, TILT, TURN_RATE, LOST_READING, LOST_GOAL, PUSH, SLOPE, BIAS = range(8)
+READING, TILT, TURN_RATE, LOST_READING, LOST_GOAL, PUSH, SLOPE, PLACE, BIAS = range(9)
 """Streams of random numbers; those of biases are beyond the last."""
 COLUMNS = 1024  # of a stream
 SMALLEST = 2.0**-54  # in place of a uniform number that is 0, for a quantile
@@ -61,6 +61,11 @@ class Disturbances:
         half = 0.5 * angle[chosen]
         way = 2.0 * np.pi * self._uniform(np.zeros(len(self.keys), np.int64), SLOPE, 1)[chosen, 0]
         return np.stack([np.cos(half), np.sin(half) * np.cos(way), np.sin(half) * np.sin(way), 0.0 * half], axis=1)
+
+    def place(self, chosen: np.ndarray, terrain: Terrain) -> np.ndarray:
+        """Where some simulations start on uneven ground (m, 3) [m]."""
+        drawn = {name: self.drawn[f"floor.{name}"][chosen] for name in terrain.spans}
+        return terrain.starts(drawn, self._uniform(np.zeros(len(self.keys), np.int64), PLACE, 2)[chosen])
 
     # --- what host and servos do ---------------------------------------------------------------------------------
 
@@ -116,9 +121,9 @@ class Disturbances:
 
 def tilt_floor(batch: Batch, chosen: np.ndarray, turn: np.ndarray) -> None:
     """Turn the floor of some simulations by quaternions (m, 4)."""
-    floor = batch.model.geom(FLOOR).id
-    batch.expand("geom_quat")[chosen, floor] = turn
-    batch.expand("geom_sameframe")[chosen, floor] = 0  # else the engine takes the world's axes for its own
+    for floor in floors(batch.model):
+        batch.expand("geom_quat")[chosen, floor] = turn
+        batch.expand("geom_sameframe")[chosen, floor] = 0  # else the engine takes the world's axes for its own
 
 
 def stand_on_slope(turn: np.ndarray, pose: np.ndarray) -> None:

@@ -6,6 +6,8 @@ mass:    {base: [0.9, 1.1]}                     multiples of a body's mass and i
 centre:  {base.x: [-0.01, 0.01]}                shift of a body's centre of mass along its x, y or z [m]
 gravity: {strength: [9.7, 9.9]}                 [m/s2]
 floor:   {friction: [0.6, 1.0], slope: [0, 0.1]} sliding friction; a slope any way [rad], with the robot upright on it
+         {rough: [0, 0.02], steps: [0, 0.02]}   from dips to bumps; between the lowest and the highest block, each as
+                                                long as the robot [m]
 push:    {speed: [0, 0.3], interval: [2, 4]}    a push changes the base's speed any way [m/s], once an interval [s]
 noise:   {reading: [0, 0.01]}                   standard deviation of each encoder [rad or m], of the base's tilt
                                                 [rad] and turn_rate [rad/s], new in every control step
@@ -30,6 +32,7 @@ from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
 from .base import BaseLayout
 from .scene import FLOOR
+from .terrain import floors
 
 
 class RandomizationError(SealegsError):
@@ -55,7 +58,8 @@ class Draw:
 
 Source = Mapping[str, Any] | str | Path | None
 
-FLOORS = {"friction": 0.0, "slope": 0.0}
+FLOORS = {"friction": 0.0, "slope": 0.0, "rough": 0.0, "steps": 0.0}
+UNEVEN = ("rough", "steps")
 RUNNING = {
     "push": {"speed": 0.0, "interval": 0.1},
     "noise": {"reading": 0.0, "tilt": 0.0, "turn_rate": 0.0},
@@ -66,7 +70,14 @@ RUNNING = {
 """What disturbs a running simulation (:mod:`sealegs.envs.engine.disturbances`): words of each group, and the smallest
 value that one can have."""
 GROUPS = ("mass", "centre", "gravity", "floor", *RUNNING)
-OF_BASE = ("push.speed", "noise.tilt", "noise.turn_rate", "bias.tilt", "bias.turn_rate", "floor.slope")
+OF_BASE = (
+    "push.speed",
+    "noise.tilt",
+    "noise.turn_rate",
+    "bias.tilt",
+    "bias.turn_rate",
+    *(f"floor.{name}" for name in FLOORS if name != "friction"),
+)
 """What only a robot with a free base feels."""
 
 
@@ -97,7 +108,17 @@ class Randomization:
     @property
     def disturbs(self) -> bool:
         """Whether something of it goes on while a simulation runs, for which an episode needs a key."""
-        return any(draw.group in RUNNING or draw.name == "slope" for draw in self.draws)
+        return any(draw.group in RUNNING or f"{draw.group}.{draw.name}" in OF_BASE for draw in self.draws)
+
+    @property
+    def level(self) -> bool:
+        """Whether the floor is level and even."""
+        return all(draw.name == "friction" for _, draw in self._columns["floor"])
+
+    @property
+    def uneven(self) -> dict[str, tuple[float, float]]:
+        """Spans of :data:`UNEVEN` ground [m], by name."""
+        return {draw.name: (draw.low, draw.high) for _, draw in self._columns["floor"] if draw.name in UNEVEN}
 
     def _with_room(self, name: str) -> Chain:
         chain = self._nominal[name]
@@ -143,7 +164,8 @@ class Randomization:
             batch.expand("opt.gravity")[simulations, 2] = -values[:, column]
         for column, draw in self._columns["floor"]:
             if draw.name == "friction":
-                batch.expand("geom_friction")[simulations, batch.model.geom(FLOOR).id, 0] = values[:, column]
+                for floor in floors(batch.model):
+                    batch.expand("geom_friction")[simulations, floor, 0] = values[:, column]
         return {f"{draw.group}.{draw.name}": values[:, column] for column, draw in enumerate(self.draws)}
 
     def _change_bodies(self, batch: Batch, simulations: np.ndarray, values: np.ndarray) -> None:

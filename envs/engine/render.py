@@ -44,7 +44,7 @@ class Scene:
             height: of the picture [px].
         """
         self._engine, self._mode, self._size = engine, mode, (height, width)
-        self._model = engine.drivetrain.model
+        self._model = engine.seen
         self._data = mujoco.MjData(self._model)
         self._renderer: mujoco.Renderer | None = None
         self._viewer: Any = None
@@ -68,10 +68,12 @@ class Scene:
     def _follow(self, simulation: int) -> mujoco.MjvCamera:
         """The model's camera, moved along with the robot; heights stay, so that a hop is seen."""
         model, data, camera = self._model, self._data, self._camera
-        if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)) < 0:
+        level = self._engine.randomization.level
+        if (number := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, CAMERA)) < 0 or not level:
             mujoco.mjv_defaultFreeCamera(model, camera)  # of a model file: the view that it asks for
             if model.njnt and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
-                camera.lookat[:2] = data.subtree_com[int(model.jnt_bodyid[0])][:2]
+                axes = 2 if level else 3
+                camera.lookat[:axes] = data.subtree_com[int(model.jnt_bodyid[0])][:axes]
             return camera
         where = data.subtree_com[0][0] if model.cam_mode[number] else 0.0
         at = self._centre.get(simulation, where)

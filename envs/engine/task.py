@@ -32,7 +32,7 @@ class Motion:
         motor_speed: true speed of the motor side (n, k) [rad/s].
         action: of this step (n, k), within [-1, 1].
         previous_action: of the step before (n, k).
-        command: what the episode asks for (n, c), as the task drew it at the start.
+        command: what the episode asks for (n, c), as the task drew it at the start, or every ``command_interval``.
         time: since the episode started (n,) [s].
         numbers: of the robot, by name.
         memory: of the generator (n, task.memory), where actions modulate one.
@@ -104,6 +104,7 @@ class Task(ABC):
         robot: that the task is for.
         draws: uniform random numbers that one start needs.
         ranges: arguments that may be a pair, low and high, instead of one number.
+        command_interval: after which a new command is drawn [s]; 0: an episode has one. A task may make a number of it.
         control_rate: actions per second [Hz], where nothing else is asked for.
         any_robot: whether its environment takes a ``robot``; :class:`sealegs.envs.any_robot.task.AnyRobotTask` does.
         episode_steps: control steps of an episode of a task in a user's own file.
@@ -113,6 +114,7 @@ class Task(ABC):
     robot: ClassVar[Robot]
     draws: ClassVar[int]
     ranges: ClassVar[tuple[str, ...]] = ()
+    command_interval = 0.0
     control_rate: ClassVar[float] = 50.0
     any_robot: ClassVar[bool] = False
     episode_steps: ClassVar[int] = 500

@@ -1,0 +1,150 @@
+"""How well a quadruped follows commands: its reference gait and trained policies, on level and uneven ground.
+
+    python -m benchmarks.walking                       the reference gait, without learning
+    python -m benchmarks.walking runs/walk/best ...    and policies
+    python -m benchmarks.walking --speed               steps per second over bare MuJoCo on the same model, in turns
+
+The error of a speed is that of its mean after the first second, as a share of the mean command, of those that did not
+fall. The commands are those of ``configs/env/walk.yaml``, none of them 0, from the same starts on each ground.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from sealegs.agents.make_env import checked_env, make_vec_env
+from sealegs.agents.policy_files import load_policy, trained_env
+from sealegs.common.documents import read_yaml
+from sealegs.configs.compose import FOLDER
+from sealegs.envs.any_robot.walk import WalkTask
+
+from benchmarks import study
+from benchmarks.speed import RESULTS, bare_model, interleaved
+
+FILE = RESULTS / "walking.json"
+GAIT = "reference gait"
+STARTS, SECONDS, SETTLING = 100, 20.0, 1.0
+GROUNDS: Mapping[str, Any] = {
+    "level": {},
+    "slope of 0.1 rad": {"floor": {"slope": [0.1, 0.1]}},
+    "rough, 20 mm": {"floor": {"rough": [0.02, 0.02]}},
+    "rough, 30 mm": {"floor": {"rough": [0.03, 0.03]}},
+    "steps of 10 mm": {"floor": {"steps": [0.01, 0.01]}},
+    "steps of 20 mm": {"floor": {"steps": [0.02, 0.02]}},
+    "pushes up to 0.3 m/s": {"push": {"speed": [0.0, 0.3]}},
+}
+COUNT = 64  # simulations of the speed
+
+
+def walked(name: str, ground: Mapping[str, Any]) -> dict[str, float]:
+    """How a walker does on a ground: falls, and errors of speed and turn as shares of what was asked."""
+    if name == GAIT:
+        act: Any = None
+        env = checked_env(read_yaml(FOLDER / "env/walk.yaml", "the task"))
+    else:
+        act, description = load_policy(Path(name))
+        env = trained_env(description, Path(name), None)
+    env |= {"randomization": dict(ground), "stand_share": 0.0}
+    engine = make_vec_env(env, None, STARTS, 0).engine
+    task = engine.task
+    assert isinstance(task, WalkTask)
+    engine.autoreset = False
+    engine.seed(0)
+    seen = engine.reset()
+    fallen, speeds = np.zeros(STARTS, bool), []
+    for step in range(round(SECONDS / engine.dt)):
+        action = np.zeros((STARTS, len(engine.action_names))) if act is None else act(seen)
+        result = engine.step(action)
+        seen, fallen = result.observation, fallen | result.terminated
+        if step * engine.dt >= SETTLING:
+            velocity, turn, _ = task.velocity(engine.motion(action))
+            speeds.append(np.column_stack([velocity[:, :2], turn]))
+    asked, off = engine.motion(action).command, np.mean(speeds, axis=0) - engine.motion(action).command
+    up = ~fallen
+    return {
+        "falls": int(fallen.sum()),
+        "speed": float(np.linalg.norm(off[up, :2], axis=1).mean() / np.linalg.norm(asked[up, :2], axis=1).mean()),
+        "turn": float(np.abs(off[up, 2]).mean() / np.abs(asked[up, 2]).mean()),
+    }
+
+
+def throughput() -> dict[str, list[float]]:
+    """Control steps per second [1/s] of the task, and of bare MuJoCo with position servos on the same model."""
+    engine = make_vec_env(checked_env(read_yaml(FOLDER / "env/walk.yaml", "the task")), None, COUNT, 0).engine
+    engine.reset()
+    bare = Batch(bare_model(engine.drivetrain), COUNT, 0)
+    actions, stance = np.zeros((COUNT, len(engine.action_names))), np.array(engine.batch.bind("ctrl"))
+    start = np.array(engine.batch.bind("qpos"))
+
+    def task() -> int:
+        engine.step(actions)
+        return COUNT
+
+    def alone() -> int:
+        if not bare.bind("time").any() or bare.bind("time").max() > SECONDS:
+            bare.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+            bare.bind("qpos")[:], bare.bind("ctrl")[:] = start, stance
+        bare.step(nstep=engine.substeps)
+        return COUNT
+
+    return interleaved({"task": task, "bare": alone}, seconds=1.0, repeats=9)
+
+
+def table(found: Mapping[str, Any]) -> str:
+    """The results as a page of Markdown."""
+    lines = [
+        "# A quadruped that walks as commanded",
+        "",
+        f"{STARTS} starts of {SECONDS:g} s on each ground; errors are shares of the mean command. "
+        "`python -m benchmarks.walking`",
+        "",
+        "| walker | ground | falls | speed | turn |",
+        "|---|---|---|---|---|",
+    ]
+    for name, rows in found.get("walkers", {}).items():
+        for ground, row in rows.items():
+            lines.append(
+                f"| {name} | {ground} | {row['falls']} | {100 * row['speed']:.0f} % | {100 * row['turn']:.0f} % |"
+            )
+    if rates := found.get("rates"):
+        ratios = np.array(rates["task"]) / np.array(rates["bare"])
+        lines += [
+            "",
+            f"Throughput of `env=walk` with {COUNT} simulations over bare MuJoCo on the same model, contacts and "
+            f"contact sensors, in turns: {np.median(ratios):.2f} (quartiles {np.quantile(ratios, 0.25):.2f} to "
+            f"{np.quantile(ratios, 0.75):.2f}); {np.median(rates['task']):,.0f} control steps per second. "
+            "`python -m benchmarks.walking --speed`",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+@study
+def main() -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.walking", description=__doc__)
+    parser.add_argument("policies", nargs="*", help="folders of policies; the reference gait is always measured")
+    parser.add_argument("--speed", action="store_true", help="measure the steps per second instead")
+    arguments = parser.parse_args()
+    found: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+    if arguments.speed:
+        found["rates"] = throughput()
+    for name in () if arguments.speed else (GAIT, *arguments.policies):
+        rows = found.setdefault("walkers", {})[name] = {}
+        for ground, drawn in GROUNDS.items():
+            rows[ground] = walked(name, drawn)
+            print(f"{name}, {ground}: {rows[ground]}", flush=True)
+    FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    FILE.with_suffix(".md").write_text(table(found), encoding="utf-8")
+    print(table(found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
