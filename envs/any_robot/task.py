@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast
 
@@ -57,13 +58,13 @@ class AnyRobotTask(Task):
         """Of the driven coordinates, in the order of goals."""
         return [item.name for item in self.robot.coordinates]
 
-    @property
+    @cached_property
     def half(self) -> np.ndarray:
         """Half of each coordinate's range (k,) [rad or m]."""
         low, high = self._ends()
         return 0.5 * (high - low)
 
-    @property
+    @cached_property
     def centre(self) -> np.ndarray:
         """Where motions are about (k,) [rad or m]: the robot's start, at least a quarter of the range from its ends.
 
@@ -76,7 +77,7 @@ class AnyRobotTask(Task):
         aside = 0.25 * (high - low) if file is None or file.height is None else 0.0
         return np.clip(own, low + aside, high - aside)
 
-    @property
+    @cached_property
     def room(self) -> np.ndarray:
         """How far motions about the centre may go (k,) [rad or m]: a quarter of the range, or to its nearer end."""
         low, high = self._ends()

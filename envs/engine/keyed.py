@@ -24,11 +24,8 @@ def uniform(key: np.ndarray, number: np.ndarray, column: int | np.ndarray) -> np
 
 def normal(key: np.ndarray, number: np.ndarray, columns: int) -> np.ndarray:
     """Standard normal (..., columns), from the uniform numbers of twice as many columns (Box and Muller)."""
-    found = []
-    for column in range(columns):
-        radius = np.sqrt(-2.0 * np.log1p(-uniform(key, number, 2 * column)))
-        found.append(radius * np.cos(2.0 * np.pi * uniform(key, number, 2 * column + 1)))
-    return np.stack(found, axis=-1)
+    drawn = uniform(np.asarray(key)[..., None], np.asarray(number)[..., None], np.arange(2 * columns))
+    return np.sqrt(-2.0 * np.log1p(-drawn[..., 0::2])) * np.cos(2.0 * np.pi * drawn[..., 1::2])
 
 
 def _mixed(value: np.ndarray) -> np.ndarray:

@@ -84,7 +84,7 @@ class Robot:
         names = {path.name for path in (self.file.path, self.file.model.path)}
         return Path(word).absolute() == self.file.path or Path(word).name in names
 
-    @property
+    @functools.cached_property
     def limits(self) -> Mapping[str, tuple[float, float]]:
         """Lowest and highest goal of each coordinate [rad] with the robot's own numbers."""
         return self.goal_limits(self.parameters())

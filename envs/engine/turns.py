@@ -29,8 +29,8 @@ def inverse(turn: np.ndarray) -> np.ndarray:
 def applied(turn: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """A vector (..., 3), turned."""
     w, axis = turn[..., :1], turn[..., 1:]
-    twice = 2.0 * _cross(axis, vector)
-    return vector + w * twice + _cross(axis, twice)
+    twice = 2.0 * cross(axis, vector)
+    return vector + w * twice + cross(axis, twice)
 
 
 def of_vector(vector: np.ndarray) -> np.ndarray:
@@ -60,7 +60,8 @@ def projected_gravity(turn: np.ndarray) -> np.ndarray:
     return np.stack([2.0 * (w * y - x * z), -2.0 * (y * z + w * x), 2.0 * (x * x + y * y) - 1.0], axis=-1)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of vectors (..., 3), faster than NumPy's on small arrays."""
     ax, ay, az = (a[..., k] for k in range(3))
     bx, by, bz = (b[..., k] for k in range(3))
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

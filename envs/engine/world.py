@@ -18,6 +18,7 @@ from mujoco.batch import Batch
 
 from ...common.errors import SealegsError, nearest
 from .robot import Robot
+from .turns import cross
 
 TOUCH = {"ground": "world", "contacts": ""}
 """Words of ``sees`` that count contacts: with what does not move, or with anything."""
@@ -125,7 +126,7 @@ class World:
         number = self._body(body)
         centre = self._field("bodies", "subtree_com")[:, self._model.body_rootid[number]]
         linear = self._field("bodies", "cvel")[:, number, 3:]
-        return linear + np.cross(self.turn_rate(body), self.position(body, point) - centre)
+        return linear + cross(self.turn_rate(body), self.position(body, point) - centre)
 
     def turn_rate(self, body: str) -> np.ndarray:
         """Of a body about the world's axes (n, 3) [rad/s]."""
@@ -165,7 +166,7 @@ class World:
         if "bodies" in self._sees:
             turn, linear = self._bound["cvel"][..., :3], self._bound["cvel"][..., 3:]
             centres = self._bound["subtree_com"][:, self._model.body_rootid]
-            now = np.concatenate([turn, linear + np.cross(turn, self._bound["xpos"] - centres)], axis=-1)
+            now = np.concatenate([turn, linear + cross(turn, self._bound["xpos"] - centres)], axis=-1)
             self._mean = self._mean + (now - self._mean) * min(dt / AVERAGED, 1.0)
 
     def start(self, chosen: np.ndarray) -> None:
