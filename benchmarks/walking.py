@@ -106,18 +106,17 @@ def table(found: Mapping[str, Any]) -> str:
         f"{STARTS} starts of {SECONDS:g} s on each ground; errors are shares of the mean command. "
         "`python -m benchmarks.walking`",
         "",
-        "| walker | ground | falls | speed | turn |",
-        "|---|---|---|---|---|",
     ]
     for name, rows in found.get("walkers", {}).items():
-        for ground, row in rows.items():
-            lines.append(
-                f"| {name} | {ground} | {row['falls']} | {100 * row['speed']:.0f} % | {100 * row['turn']:.0f} % |"
-            )
+        lines += [f"## {name[0].upper()}{name[1:]}", "", "| ground | falls | speed [%] | turn [%] |", "|---|---|---|---|"]
+        lines += [
+            f"| {ground} | {row['falls']} | {100 * row['speed']:.0f} | {100 * row['turn']:.0f} |"
+            for ground, row in rows.items()
+        ]
+        lines.append("")
     if rates := found.get("rates"):
         ratios = np.array(rates["task"]) / np.array(rates["bare"])
         lines += [
-            "",
             f"Throughput of `env=walk` with {COUNT} simulations over bare MuJoCo on the same model, contacts and "
             f"contact sensors, in turns: {np.median(ratios):.2f} (quartiles {np.quantile(ratios, 0.25):.2f} to "
             f"{np.quantile(ratios, 0.75):.2f}); {np.median(rates['task']):,.0f} control steps per second. "
