@@ -108,7 +108,7 @@ def table(found: Mapping[str, Any]) -> str:
         "",
     ]
     for name, rows in found.get("walkers", {}).items():
-        lines += [f"## {name[0].upper()}{name[1:]}", "", "| ground | falls | speed [%] | turn [%] |", "|---|---|---|---|"]
+        lines += [f"## {name.capitalize()}", "", "| ground | falls | speed [%] | turn [%] |", "|---|---|---|---|"]
         lines += [
             f"| {ground} | {row['falls']} | {100 * row['speed']:.0f} | {100 * row['turn']:.0f} |"
             for ground, row in rows.items()
