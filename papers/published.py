@@ -5,6 +5,7 @@ A mark is no opinion: :meth:`Paper.check` holds it against the paper's one list 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
@@ -211,6 +212,8 @@ class Paper:
             for name in choice.reach
             if name not in names
         ]
+        wrong += [f"'{name}' is the name of {count} rows" for name, count in Counter(row.name for row in rows).items()
+                  if count > 1]  # fmt: skip
         for row in rows:
             wrong += [f"row '{row.name}' {reason}" for reason in self._contradictions(row)]
         if wrong:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ...envs.arm.parameters import NUMBERS
 from ..published import Choice, NotBuilt, Paper, assumed
+from .control import PERIOD, Robust
 from .paper import BASES, BESIDE, DAMPINGS
 from .readings import PREDICTING, readings
 
@@ -40,6 +41,10 @@ CHOICES = {
     "range of c_r": Choice(f"{DAMPINGS[0]:g} to {DAMPINGS[-1]:g} N.m.s/rad", "covers all that changes anything"),
     "c_r beside": Choice(
         f"{BASES[0]:g} to {BASES[-1]:g} beside {BESIDE[1]:g} to {BESIDE[-1]:g} N.m.s/rad", "likewise"
+    ),
+    "feedback": Choice(
+        f"lambda {Robust().slope:g} 1/s, gain {Robust().gain:g} 1/s, rho {Robust().bound[0]:g} N.m, at "
+        f"{1.0 / PERIOD:g} Hz", "from the bandwidth alone; the paper only asks for a controller",
     ),
     "softest real joint": Choice("a hundredth of 67 N.m/rad", "below any spring of table X"),
     **{

@@ -137,9 +137,13 @@ def identified_quantities() -> list[Quantity]:
         Quantity("IV", "alpha", lambda d: d.inertia_factor, lambda found: found.motor.factor),
         Quantity("IV", "K_T", lambda d: d.motor_constant, lambda found: found.motor.constant),
         Quantity("IV", "b [1e-3 N.m]", lambda d: 1e3 * d.bias, lambda found: 1e3 * found.pulleys[0].bias),
-        Quantity("V", "mu [1e-3 N.m.s]", lambda d: 1e3 * d.leg_friction, lambda found: 1e3 * found.leg.friction),
         Quantity(
-            "V", "b [1e-3 N.m]", lambda d: 1e3 * d.leg_bias, lambda found: 1e3 * found.leg.bias, 0.1, "assumed",
+            "V", "mu with the legs on [1e-3 N.m.s]", lambda d: 1e3 * d.leg_friction,
+            lambda found: 1e3 * found.leg.friction,
+        ),
+        Quantity(
+            "V", "b with the legs on [1e-3 N.m]", lambda d: 1e3 * d.leg_bias, lambda found: 1e3 * found.leg.bias, 0.1,
+            "assumed",
             lambda found: 1e3 * found.stiff.bias,
         ),
         Quantity("VI", "K_C [N.m/rad]", lambda d: d.cable_stiffness, lambda found: found.cable.stiffness),

@@ -17,6 +17,7 @@ from ...envs.hexapod.parameters import NUMBERS
 from ...envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL
 from . import rows
 from .choices import PAPER
+from .measures import motors
 from .paper import BREAKAWAY_AT_REST, Walk, chains_with, friction_at_rest, limit_by_speed
 
 
@@ -44,7 +45,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "identified_friction": {name: np.asarray(value).tolist() for name, value in asdict(found.identified).items()},
         "sinking_m": {name: row.sinking for name, row in standing.items()},
         "penetration_m": found.depth,
-        "motors_of_leg_0": {name: rows.motors(walk) for name, walk in walks.items()},
+        "motors_of_leg_0": {name: motors(walk) for name, walk in walks.items()},
         "specific_resistance": {
             name: {f"{v:g}": value for v, value in row.items()} for name, row in resistance.items()
         },
@@ -79,7 +80,7 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
 def table(walks: Mapping[str, Walk], resistance: Mapping[str, Mapping[float, float]]) -> list[str]:
     """Currents, voltages and specific resistances as lines of text."""
     lines = ["motors of leg 0, root mean square    " + "".join(f"{name:>15s}" for name in walks)]
-    measured = {name: rows.motors(walk) for name, walk in walks.items()}
+    measured = {name: motors(walk) for name, walk in walks.items()}
     for quantity in next(iter(measured.values())):
         unit = "A" if quantity.endswith("current") else "V"
         for part in ("transfer", "support"):

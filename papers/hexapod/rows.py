@@ -15,15 +15,13 @@ from ...envs.hexapod.parameters import LEGS, NUMBERS
 from ...envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, ROTATION, VERTICAL, coordinate, total_mass
 from ..published import Mark, Otherwise, Row, half_digit
 from . import choices, friction_bench
-from .paper import BREAKAWAY_AT_REST, PERIOD, Machine, Standing, Walk, penetration_on, stand_unpowered
+from .measures import AT_REST, STRIBECK, at_rest, breaking_loose, motors, reversals, slow, tracking
+from .paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, penetration_on, stand_unpowered
 
 UNPOWERED = ("none", "dry/viscous", "LuGre")  # Fig. 8
 SPEEDS = (0.01, 0.03)  # [m/s] of Fig. 12, beside the gait's own; the printed ones are not at hand
 FASTER = (0.03, 0.04, 0.05, 0.06)  # [m/s] at which the motors' voltages are looked at
 SETTLING = 0.25  # share of a cycle before the one that is measured
-SETTLED = 0.2  # share of the support at its begin that no figure looks at: the reference has just stopped
-AT_REST = 0.05  # [A] below which a motor's current counts as none
-STRIBECK = 1e-4  # [m/s] of a screw, [rad/s] of a rotation; 5.2
 COASTS = 0.25  # [s] in which the robot falls with open circuits
 OPEN = 1e4  # [ohm]
 WEAK_LEGS = (1, 3)  # 5.4: their breakaway force is that under 5 kg while the robot walks
@@ -46,6 +44,19 @@ GEARS: tuple[tuple[str, dict[str, float]], ...] = (
     ("motors with 0.8 of their constant", {f"{kind}.dc_motor.motor_constant": 0.8 * MOTOR for kind in KINDS}),
 )
 """Assumed gears and motors: label, changes of the chains."""
+P_ALONE, P_SMOOTH, NO_BAND, WIDE = (
+    "P alone",
+    "P alone, no friction",
+    "no anti-windup",
+    "ten times the Stribeck velocity",
+)
+OTHERWISE: dict[str, tuple[str, dict[str, float]]] = {
+    P_ALONE: ("LuGre", {f"{kind}.position_pi.integral": 0.0 for kind in KINDS}),
+    P_SMOOTH: ("none", {f"{kind}.position_pi.integral": 0.0 for kind in KINDS}),
+    NO_BAND: ("LuGre", {f"{kind}.position_pi.band": 0.0 for kind in KINDS}),
+    WIDE: ("LuGre", {"vertical.friction.stribeck_velocity": 10.0 * STRIBECK}),
+}
+"""Walks with other controllers or friction: joint friction, and changes of the chains."""
 INPUTS: Mark = "follows from the inputs"
 
 
@@ -80,6 +91,7 @@ class Results:
         fastest: speed at which no motor asks for more than its supply [m/s].
         others: sensitivities, by the quantity.
         identified: friction of six vertical joints.
+        otherwise: walks by what is changed in :data:`OTHERWISE`.
     """
 
     seconds: float
@@ -93,6 +105,7 @@ class Results:
     fastest: float
     others: Mapping[str, tuple[Otherwise, ...]]
     identified: friction_bench.Identified
+    otherwise: Mapping[str, Walk]
 
 
 def run(seconds: float, say: Callable[[str], None]) -> Results:
@@ -133,6 +146,7 @@ def run(seconds: float, say: Callable[[str], None]) -> Results:
         fastest=fastest,
         others=others,
         identified=friction_bench.identify(),
+        otherwise={label: Machine(*what).walk(Tripod(), 2.0) for label, what in OTHERWISE.items()},
     )
 
 
@@ -171,61 +185,6 @@ def changed(say: Callable[[str], None]) -> dict[str, tuple[Otherwise, ...]]:
         along = {name: motors(walks[name])["horizontal current"]["support rms"] for name in (NO_LOAD, LOAD)}
         found["current"].append(Otherwise(label, f"{along[LOAD]:.2f} A over {along[NO_LOAD]:.2f} A"))
     return {name: tuple(values) for name, values in found.items()}
-
-
-def motors(walk: Walk, leg: int = 0) -> dict[str, dict[str, float]]:
-    """Currents [A] and voltages [V] of a leg in transfer and support of the last cycle: root mean square, and median of
-    the size, which does not see the moments of lifting off and of a load beyond the breakaway force.
-    """
-    cycle = walk.cycle(-1)
-    phase, air = walk.gait.phase(leg, walk.time[cycle]), walk.gait.transfer
-    parts = {"transfer": phase < air, "support": phase > air + SETTLED * (1.0 - air)}
-    rows: dict[str, dict[str, float]] = {}
-    for kind in KINDS:
-        for quantity, values in (("current", walk.current), ("voltage", walk.voltage)):
-            column = walk.quantity(values, kind, leg)[cycle]
-            rows[f"{kind} {quantity}"] = {
-                f"{part} {label}": float(of(column[chosen]))
-                for part, chosen in parts.items()
-                for label, of in (("rms", _rms), ("median", lambda x: np.median(np.abs(x))))
-            }
-    return rows
-
-
-def breaking_loose(walk: Walk) -> tuple[float, float, float]:
-    """When the vertical motor of leg 0 draws more than :data:`AT_REST` in the support of the last cycle.
-
-    Returns:
-        The share of the support in which it does, its largest current [A], and the mean load on the foot then, over
-        that in the rest of the support.
-    """
-    cycle = walk.cycle(-1)
-    phase, air = walk.gait.phase(0, walk.time[cycle]), walk.gait.transfer
-    support = phase > air + SETTLED * (1.0 - air)
-    current = np.abs(walk.quantity(walk.current, VERTICAL)[cycle][support])
-    load, drawn = walk.contact[cycle][support, 0], current > AT_REST
-    if drawn.all() or not drawn.any():
-        return float(drawn.mean()), float(current.max()), float("nan")
-    return float(drawn.mean()), float(current.max()), float(load[drawn].mean() / load[~drawn].mean())
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def slow(walk: Walk, kind: str) -> float:
-    """Share of the last cycle in which joints of this kind are slower than the Stribeck velocity, all legs."""
-    cycle = walk.cycle(-1)
-    speed = np.abs(np.gradient(walk.position[:, KINDS.index(kind) :: len(KINDS)], PERIOD, axis=0)[cycle])
-    return float((speed < STRIBECK).mean())
-
-
-def at_rest(walk: Walk) -> float:
-    """Share of all legs' support in the last cycle in which vertical joints are slower than the Stribeck velocity."""
-    cycle, column = walk.cycle(-1), slice(KINDS.index(VERTICAL), None, len(KINDS))
-    speed = np.abs(np.gradient(walk.position[:, column], PERIOD, axis=0)[cycle])
-    support = np.stack([~walk.gait.in_transfer(leg, walk.time[cycle]) for leg in range(LEGS)], axis=1)
-    return float((speed[support] < STRIBECK).mean())
 
 
 def input_rows() -> list[Row]:
@@ -437,6 +396,34 @@ def bench_rows(found: friction_bench.Identified) -> list[Row]:
     ]  # fmt: skip
 
 
+def controller_rows(found: Results) -> list[Row]:
+    """Section 2.2: what the integral and its anti-windup do; 5.2: what the Stribeck velocity does."""
+    walks = {"PI": found.walks["LuGre"], **found.otherwise}
+    error = {label: tracking(walk)[HORIZONTAL] for label, walk in walks.items()}
+    turns = {label: reversals(walk) for label, walk in walks.items()}
+    left = error[P_SMOOTH] / error[P_ALONE]
+    return [
+        _said(
+            "the tracking error is due principally to friction", "2.2",
+            f"{left:.0%} of P control's in the horizontal joints is there without friction", left < 0.5, "predicted",
+            "assumed: less than half", rests=choices.WALKS,
+            note="the rest is of back-EMF and of the gains, which are assumed. "
+            f"PI leaves {error['PI'] / error[P_ALONE]:.0%}",
+        ),
+        _said(
+            choices.HUNTING, "2.2",
+            f"{turns['PI']} reversals of the current in support, of all vertical motors; without it {turns[NO_BAND]}",
+            turns["PI"] == 0 < turns[NO_BAND], "fitted", f"none; a current over {1e3 * AT_REST:g} mA counts",
+            rests=choices.WALKS,
+        ),
+        Row(
+            "specific resistance with ten times the Stribeck velocity, which is not critical", "5.2", 1.0,
+            walks[WIDE].resistance() / walks["PI"].resistance(), "predicted", "", ALIKE,
+            judged="assumed: a tenth", rests=choices.WALKS,
+        ),
+    ]  # fmt: skip
+
+
 def arithmetic_rows() -> list[Row]:
     """Statements on assumed numbers that need no simulation: slip, bristles, viscous friction."""
     slip = NUMBERS["slip_speed"].value
@@ -482,5 +469,6 @@ def rows(found: Results) -> list[Row]:
         *current_rows(found),
         *gait_rows(found),
         *bench_rows(found.identified),
+        *controller_rows(found),
         *arithmetic_rows(),
     ]

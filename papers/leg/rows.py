@@ -13,7 +13,7 @@ from ...envs.leg.parameters import LINKS, MOMENTS
 from ...envs.leg.robot import JOINTS, LEG, chains_of
 from ..published import Mark, Otherwise, Row, half_digit
 from .choices import ROUTE
-from .dynamics import TABLE_VII, constants, coriolis, gravity, printed_coriolis, printed_gravity
+from .dynamics import TABLE_VII, constants, coriolis, gravity, mass_matrix, printed_coriolis, printed_gravity
 from .paper import (
     LINES,
     OWN_SPEED,
@@ -23,6 +23,7 @@ from .paper import (
     by_efficiency,
     coriolis_error,
     fastest,
+    linear,
     own_shares,
     peak,
     straightness,
@@ -180,6 +181,7 @@ def equation_rows(analysis: Analysis, gaps: Mapping[str, float]) -> list[Row]:
     step = 1e-6 * np.eye(3)
     numeric = np.stack([(foot(analysis.values, q + d) - foot(analysis.values, q - d)) / 2e-6 for d in step], axis=-1)
     off = float(np.abs(numeric - jacobian(analysis.values, q)).max())
+    least = float(np.linalg.eigvalsh(mass_matrix(analysis.constants, q)).min())
 
     def letter(name: str, where: str, ours: np.ndarray, theirs: np.ndarray, columns: slice, note: str) -> Row:
         gap = float((peak(ours - theirs)[columns] / peak(ours)[columns]).max())
@@ -201,6 +203,9 @@ def equation_rows(analysis: Analysis, gaps: Mapping[str, float]) -> list[Row]:
                "h112 lacks b cos(q2) and has g where -2 e belongs; h211 lacks b/2 cos(q2): all of them small"),
         letter("(42) to the letter, and the slope of the potential", "(42)", weight, printed_gravity(TABLE_VII, q),
                slice(1, 3), "g_2 lacks x sin(q2 + q3)"),
+        Row("the mass matrix is positive definite, over the workspace", "2.1", "stated",
+            f"least eigenvalue {least:.4f} kg.m2", "predicted", agrees=least > 0.0, judged="positive or not",
+            rests=("sign of products",)),
         Row("Jacobian (34), and differences of the foot", "(34)", "alike", f"within {off:.0e} m", INPUTS,
             agrees=off < 1e-8, judged="rounding", rests=()),
     ]  # fmt: skip
@@ -369,6 +374,11 @@ def actuator_rows(analysis: Analysis, found: Sequence[Contributions], sweeps: Se
             ),
         ),
         Row(
+            "what makes the perturbation of joint 1 vary", "4.3.2", "varying inertia",
+            _largest(shared[JOINTS[0]]) + " inertia", "predicted", agrees=_largest(shared[JOINTS[0]]) == "varying",
+            judged="exact", rests=ROUTE,
+        ),
+        Row(
             "largest part of the perturbation of joints 2 and 3", "4.3.2", "gravity",
             ", ".join(_largest(shared[name]) for name in driven), "predicted",
             agrees=all(_largest(shared[name]) == "gravity" for name in driven), judged="exact", rests=ROUTE,
@@ -383,7 +393,16 @@ def linearity_rows(analysis: Analysis, found: Sequence[Contributions]) -> list[R
     q = analysis.workspace(5000)
     reach, weight = lengthening(analysis.values, q), gravity(analysis.constants, q)
     over = [straightness(reach, weight[:, j]) for j in (1, 2)]
-    return [
+    grows = [np.mean([linear(row.lengthening, np.abs(row.gravity[:, j]))[0] > 0.0 for row in found]) for j in (1, 2)]
+    stretched = [
+        Row(
+            f"gravity of joint {j + 2} grows as the leg stretches", "4.3.2, 10", "increases",
+            f"on {grows[j]:.0%} of the lines", "predicted", agrees=bool(grows[j] == 1.0), judged="on every line",
+            rests=ROUTE,
+        )
+        for j in (0, 1)
+    ]  # fmt: skip
+    return stretched + [
         Row(
             f"gravity of joint {j + 2} linear in R_h along a line, R2", "4.3.2, 10", "linear",
             f"{along[:, j].min():.2f} to {along[:, j].max():.2f}", "predicted",

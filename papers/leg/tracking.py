@@ -21,6 +21,7 @@ PID, IDEAL, PD = "PID, a search's result", "ideal servos", "PD"
 WITHOUT = "PD and computed torque without friction"
 WITH = "PD and computed torque with friction"
 WHOLE = "the same, with the whole perturbation (25)"
+MASSLESS = "with friction, of a massless leg"
 SLICK = "without friction in the leg: "
 WITHIN, ALL = f"within {supply_volts():g} V", f"all {len(other_paths())} paths"
 SIGNIFICANT, ALIKE = 2.0, 1.1  # times the other error
@@ -63,6 +64,7 @@ def controllers(analysis: Analysis, seconds: float) -> dict[str, dict[str, float
         WITHOUT: (direct, Model(lines, friction=False)),
         WITH: (direct, Model(lines, friction=True)),
         WHOLE: (direct, Model("whole", friction=True)),
+        MASSLESS: (direct, Model(None, friction=True, inertia=False)),
         SLICK + PD: (slick, None),
         SLICK + WITHOUT: (slick, Model(lines, friction=False)),
     }
@@ -89,7 +91,7 @@ def control_rows(tracking: Mapping[str, Mapping[str, float]]) -> list[Row]:
     error = {name: row["rms"] for name, row in tracking.items()}
     times = error[WITHOUT] / error[WITH]
     slick = error[SLICK + WITHOUT] / min(error[SLICK + WITHOUT], error[SLICK + PD])
-    loss = error[WITH] / error[WHOLE]
+    loss, light = error[WITH] / error[WHOLE], error[MASSLESS] / error[WITH]
     every = tracking[WITHOUT]["rms_all"] / tracking[WITH]["rms_all"]
     beyond = tracking[WITHOUT]["beyond"]
     known = "the model that compensates is the one that moves: a machine's friction is known less well"
@@ -108,6 +110,11 @@ def control_rows(tracking: Mapping[str, Mapping[str, float]]) -> list[Row]:
             f"{loss:.1f} times the error of the whole one: {1e6 * error[WITH]:.1f} for {1e6 * error[WHOLE]:.1f} um",
             "predicted", agrees=loss < ALIKE, judged="assumed: a tenth more error", rests=CONTROL,
             note=f"where friction is not compensated, the error is {1e6 * error[WITHOUT]:.0f} um",
+        ),
+        Row(
+            "legs as massless systems are not the best option: their dynamics improve control", "5", "yes",
+            f"{light:.1f} times the error without: {1e6 * error[MASSLESS]:.1f} for {1e6 * error[WITH]:.1f} um",
+            "predicted", agrees=light > SIGNIFICANT, judged="assumed: twice the error", rests=CONTROL, note=known,
         ),
     ]  # fmt: skip
 

@@ -18,7 +18,7 @@ GIVEN = {
     "arm": "002 5.3 3.1 5.2 6 8 1",  # sections, and a control rate
     "biped": "003 44 24 30 1",  # equations, and settings of the simulation
     "confidence": "0.9 0.6",  # edges of the bins
-    "diagnosis": "5 24 0.9 1 1.2 3 40 80 85 90 95 120 240 1050 1060 1180",  # settings, seeds and bars
+    "diagnosis": "5 24 0.9 1.2 95 120 240 1050 1060 1180",  # settings, seeds and bars
     "hexapod": "001 0 10 1.5 3 1 5",  # loads, legs and a speed of the paper
     "hopper": "004 3 7 2.5 0.3 0.23 1",  # what the paper prints
     "how-fast": "24 1 100",  # settings
@@ -67,3 +67,10 @@ def test_a_field_without_a_figure_is_named(tmp_path: Path) -> None:
     template.write_text("{here} and {nowhere[a][b]}")
     with pytest.raises(FigureError, match=r"no benchmarks/results/nowhere.md"):
         fill(template, {"here": 1})
+
+
+def test_a_share_that_misses_its_bar_is_called_missed() -> None:
+    assert results.marked("covered", "17 of 20 (85 %)") == "17 of 20 (85 %)"
+    assert results.marked("covered", "16 of 20 (80 %)") == "16 of 20 (80 %): missed"
+    assert results.marked("worse", "2 of 120") == "2 of 120: missed"
+    assert results.wanted("worse") == "at most 1 %"

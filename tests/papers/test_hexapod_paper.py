@@ -12,6 +12,7 @@ from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.robot import VERTICAL, coordinate
 from sealegs.papers.hexapod.choices import OVERCOME
 from sealegs.papers.hexapod.friction_bench import breakaway, largest_bristle_damping, steady
+from sealegs.papers.hexapod.measures import at_rest, motors
 from sealegs.papers.hexapod.paper import (
     Machine,
     Standing,
@@ -21,7 +22,7 @@ from sealegs.papers.hexapod.paper import (
     limit_by_speed,
     stand_unpowered,
 )
-from sealegs.papers.hexapod.rows import arithmetic_rows, at_rest, by_leg, motors
+from sealegs.papers.hexapod.rows import arithmetic_rows, by_leg
 
 from tests.typed import Done, typed
 

@@ -108,6 +108,11 @@ def test_a_number_chosen_for_a_row_that_there_is_not_is_refused() -> None:
         PAPER.check(ROWS[:2])
 
 
+def test_two_rows_of_one_name_are_refused() -> None:
+    with pytest.raises(SealegsError, match="'hops' is the name of 2 rows"):
+        PAPER.check([*ROWS, replace(ROWS[1], where="IX")])
+
+
 def test_a_wide_tolerance_passes_where_it_says_that_it_is_assumed() -> None:
     PAPER.check([*ROWS[:1], replace(ROWS[1], within=0.2, judged="assumed"), *ROWS[2:]])
 
