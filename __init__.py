@@ -31,12 +31,14 @@ if TYPE_CHECKING:
     from .gap.diagnosis import Diagnosis
     from .gap.fit import fit
     from .gap.log import read_measured as read_log
+    from .hw.run.deploy import deploy
 
 __all__ = [
     "Diagnosis",
     "Extended",
     "SealegsError",
     "add_plugins",
+    "deploy",
     "diagnose",
     "export",
     "fit",
@@ -51,6 +53,7 @@ _HOMES = {
     "Extended": ("sealegs.envs.extended", "Extended"),
     "SealegsError": ("sealegs.common.errors", "SealegsError"),
     "add_plugins": ("sealegs.common.plugins", "add"),
+    "deploy": ("sealegs.hw.run.deploy", "deploy"),
     "diagnose": ("sealegs.gap.diagnose", "diagnose"),
     "export": ("sealegs.agents.export", "export"),
     "fit": ("sealegs.gap.fit", "fit"),

@@ -62,6 +62,7 @@ class Contract:
         chain_hash: of these chains, with the contents of their nets.
         policy_memory: elements of the state, its last ones, that are the policy's own: earlier observations, and the
             state of a recurrent network.
+        asked: name and unit of each number that a person asks for while it runs, in order.
     """
 
     env: dict[str, Any]
@@ -84,6 +85,7 @@ class Contract:
     chains: dict[str, list[dict[str, Any]]]
     chain_hash: str
     policy_memory: Natural = 0
+    asked: tuple[str, ...] = ()
 
     @property
     def goal_rate(self) -> float:
@@ -248,6 +250,7 @@ def make_contract(
         chains={name: list(chains[name]) for name in names},
         chain_hash=chain_hash(loaded),
         policy_memory=remembered,
+        asked=tuple(task.asked_names()),
     )
 
 

@@ -15,6 +15,7 @@ from ..envs.contract import ContractError
 from ..envs.extended import FILE as EXTENDED
 from ..hw.machine.robot import ServoRobot, build_robot, extended_robot
 from ..hw.run import deployment
+from ..hw.run.asked import GAMEPAD, KEYS
 from ..hw.run.commands import PolicyCommands
 from ..hw.run.policy import Policy
 from ..hw.run.simulated import Recording, recorded, simulate
@@ -27,7 +28,7 @@ GAP = 1.5  # times what is accounted for: from here on it is a gap, where that i
 CHANCE = 0.05  # that a gap is named where there is none, over all joints and the base
 MOST_TOLD = 100.0  # times: a larger ratio says that next to nothing was accounted for, as of a joint that stands still
 NOTHING_ELSE: dict[str, Any] = {
-    "excitation": None, "replay": None, "reference": False, "command": None, "reach": None, "dry_run": False,
+    "excitation": None, "replay": None, "reference": False, "reach": None, "dry_run": False,
     "overruns": "log", "realtime": None,
 }  # fmt: skip
 """Keys of ``configs/deploy.yaml`` that ``configs/evaluate.yaml`` has not."""
@@ -87,7 +88,12 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     rate, seconds = policy.contract.goal_rate, float(config["seconds"])
     schedule, segment = command_schedule(policy, robot, seconds, int(config["seed"]))
 
+    if config["command"] in (KEYS, GAMEPAD):
+        raise SealegsError(f"command={config['command']} is for deploy: model and machine are asked for the same here.")
+
     def commands(robot: ServoRobot = robot) -> PolicyCommands:
+        if config["command"] is not None:
+            return deployment.policy_commands(policy, robot, config["command"])
         return PolicyCommands(policy, robot, schedule, segment)
 
     deploy = {

@@ -22,6 +22,9 @@ class ReachTask(AnyRobotTask):
             ("target", "{unit}"), ("motor reading", "{unit}"), ("motor speed", "{unit}/s"), ("last action", "-")
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return self.of_joints()
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         middle = sum(self._ends()) / 2.0
         return middle + self.reach * self.half * (2.0 * self.per_coordinate(random)[:, :, 0] - 1.0)

@@ -96,6 +96,10 @@ class AnyRobotTask(Task):
             for name in self.names
         )
 
+    def of_joints(self) -> tuple[str, ...]:
+        """Name and unit of each driven coordinate."""
+        return tuple(f"{name} [{self.robot.unit(name)}]" for name in self.names)
+
     # --- what tasks of the kind do alike -----------------------------------------------------------------------
 
     def per_coordinate(self, random: np.ndarray) -> np.ndarray:

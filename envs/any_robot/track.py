@@ -51,6 +51,31 @@ class TrackTask(AnyRobotTask):
             parts.append(2.0 * math.pi * phase)
         return columns(parts)
 
+    def asked_names(self) -> tuple[str, ...]:
+        return self.of_joints()
+
+    def asked_range(self) -> tuple[np.ndarray, np.ndarray]:
+        reach = self.amplitude * self.room
+        return self.centre - reach, self.centre + reach
+
+    def command_at(self, time: float, asked: Callable[[float], np.ndarray]) -> np.ndarray:
+        """Waves that go through what is asked for now, in the preview and in the lead: all that the task looks at.
+
+        The first wave stands still, the second swings about ``time``: three numbers for three places.
+        """
+        ahead = np.unique([0.0, self.preview, self.lead or 0.0])
+        rate = 0.1 / max(ahead[-1], 1e-3)  # a tenth of a turn in that time: nearly a parabola
+        turns = 2.0 * math.pi * rate * ahead
+        shapes = np.stack([np.ones_like(turns), np.cos(turns), np.sin(turns)], axis=1)
+        away = np.stack([asked(time + later) for later in ahead]) - self.centre
+        still, cosine, sine = np.linalg.lstsq(shapes, away, rcond=None)[0]
+        ones = np.ones(len(self.names))
+        phase = np.arctan2(cosine, sine) - 2.0 * math.pi * rate * time
+        return np.concatenate([still, 0.0 * ones, 0.5 * math.pi * ones, np.hypot(cosine, sine), rate * ones, phase])
+
+    def asked_start(self, command: np.ndarray) -> np.ndarray:
+        return self.target(np.zeros(1), command[None])[0]
+
     def target(self, time: np.ndarray, command: np.ndarray) -> np.ndarray:
         """Where the coordinates are asked to be (n, k) [rad or m], at times (n,) [s]."""
         count, turns = len(self.names), 2.0 * math.pi * time[:, None]

@@ -89,6 +89,9 @@ class WalkTask(AnyRobotTask):
 
     # --- what is asked for -------------------------------------------------------------------------------------
 
+    def asked_names(self) -> tuple[str, ...]:
+        return COMMANDS
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         draws = random[:, -self.per_robot :]
         asked = np.stack([drawn(getattr(self, name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)

@@ -62,6 +62,9 @@ class ArmTask(Task):
             *(f"last {name} action" for name in JOINTS),
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return ("way [s]",)
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         return drawn(self.seconds, random[:, :1])
 

@@ -34,6 +34,9 @@ class BenchTask(Task):
             "last action",
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return (f"{JOINT} [rad]",)
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         return self.target_range * (2.0 * random[:, :1] - 1.0)
 

@@ -72,6 +72,9 @@ class BipedTask(Task):
             *(f"{function} of the clock" for function in ("sine", "cosine")),
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return ("speed [m/s]",)
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         return drawn(self.speed, random[:, :1])
 

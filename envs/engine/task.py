@@ -141,6 +141,34 @@ class Task(ABC):
     def commands(self, random: np.ndarray) -> np.ndarray:
         """What m new episodes ask for (m, c), from uniform numbers in [0, 1), (m, draws)."""
 
+    # What a person asks for in the place of those draws, while the policy runs. Nothing of it is needed to train.
+
+    def asked_names(self) -> tuple[str, ...]:
+        """Name and unit of each number that a person asks for; without more, of each number of the command."""
+        return tuple(f"command {k + 1}" for k in range(self.commands(np.zeros((1, self.draws))).shape[1]))
+
+    def asked_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest of these numbers in training (m,): what a policy does beyond, nobody has seen."""
+        draws = np.random.default_rng(0).random((4096, self.draws))
+        draws[:2048] = np.round(draws[:2048])  # corners, where values are largest and smallest
+        draws[:2] = [[0.0], [1.0]]
+        drawn = self.commands(draws)
+        return drawn.min(axis=0), drawn.max(axis=0)
+
+    def command_at(self, time: float, asked: Callable[[float], np.ndarray]) -> np.ndarray:
+        """The command (c,) with which the task asks at ``time`` [s] for what a person asks for over time.
+
+        Args:
+            time: since the start [s].
+            asked: numbers (m,) in the order of :meth:`asked_names` at a time [s].
+        """
+        return asked(time)
+
+    def asked_start(self, command: np.ndarray) -> np.ndarray | None:
+        """Goals (k,) to begin with where such a command (c,) is asked for [rad or m]; None: as in training."""
+        del command
+        return None
+
     @abstractmethod
     def place(
         self,

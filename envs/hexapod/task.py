@@ -64,6 +64,9 @@ class HexapodTask(ModulatedTask):
             *(f"last {name} action" for name in modulated_gait.MODULATED),
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return ("speed [m/s]",)
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         return drawn(self.speed, random[:, :1])
 

@@ -51,6 +51,9 @@ class HopperTask(Task):
             "last knee action",
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return ("speed [m/s]",)
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         return drawn(self.speed, random[:, :1])
 

@@ -50,6 +50,9 @@ class LegTask(ModulatedTask):
             *(f"last action of {name}" for name in JOINTS),
         )
 
+    def asked_names(self) -> tuple[str, ...]:
+        return (*(f"{end} {axis} [m]" for end in ("begin", "end") for axis in "xyz"), "way [s]")
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         return path.drawn(random[:, 1:7], drawn(self.speed, random[:, 0]))
 

@@ -6,7 +6,7 @@ import csv
 import math
 import shlex
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from time import monotonic
@@ -17,9 +17,10 @@ import numpy as np
 from ...common.errors import SealegsError, nearest
 from ...configs.check import checked
 from ...envs.bench.robot import BENCH
-from ...envs.contract import start_pose
+from ...envs.contract import goal_scale, start_pose
 from ...envs.hopper.controller import BangBang, spring_stiffness
 from ..machine.robot import Reading, ServoRobot
+from .asked import Asked
 from .observer import Observer, Seen
 from .policy import Policy
 
@@ -76,7 +77,12 @@ class PolicyCommands:
     """
 
     def __init__(
-        self, policy: Policy, robot: ServoRobot, command: np.ndarray | None = None, segment: float = math.inf
+        self,
+        policy: Policy,
+        robot: ServoRobot,
+        command: np.ndarray | None = None,
+        segment: float = math.inf,
+        asked: Asked | None = None,
     ) -> None:
         """Prepare, and try the policy once.
 
@@ -85,17 +91,23 @@ class PolicyCommands:
             robot: that it runs on.
             command: what the task is asked for (c,), or one after the other (m, c); None: the middle of what it draws.
             segment: time that each of several commands holds [s].
+            asked: what it is asked for over time, in the place of ``command``.
 
         Raises:
             SealegsError: the command is none of the task, or the policy fails, or gives what is not finite.
         """
         self._schedule = None if command is None else np.atleast_2d(command)
-        self._segment, self._robot = segment, robot
+        self._segment, self._robot, self.asked = segment, robot, asked
         self.observer = Observer(policy.contract, robot, None if self._schedule is None else self._schedule[0])
         self._policy = policy
         self.name, self.rate, self.duration = "policy", policy.contract.goal_rate, math.inf
         self.delay = policy.contract.delay
-        self.description = {"policy": str(policy.path), "command": self.observer.command.tolist()}
+        self._start: Sequence[float] = policy.contract.start
+        if asked is not None:
+            self.observer.command = self.observer.task.command_at(0.0, asked)
+            self._begin_at(self.observer.task.asked_start(self.observer.command))
+        told = self.observer.command.tolist() if asked is None else asked.description
+        self.description = {"policy": str(policy.path), "command": told}
         self.history: list[Seen] = []
         contract = policy.contract
         # what the policy itself remembers moves on with its actions, of which none is made up for
@@ -108,10 +120,26 @@ class PolicyCommands:
     @cached_property
     def pose(self) -> dict[str, float]:
         """The whole robot at the start, by joint [rad or m]: how a person holds it up."""
-        return start_pose(self._policy.contract, self._robot.robot)
+        pose = start_pose(self._policy.contract, self._robot.robot)
+        if self._start is self._policy.contract.start:
+            return pose
+        own = dict(zip(self._robot.names, self._start, strict=True))
+        return {name: float(own.get(name, value)) for name, value in pose.items()}
 
     def start(self) -> np.ndarray:
-        return np.asarray(self._policy.contract.start)
+        return np.asarray(self._start)
+
+    def _begin_at(self, goals: np.ndarray | None) -> None:
+        """Begin with these goals (k,) in the place of the contract's, with the action that gives them."""
+        if goals is None:
+            return
+        observer = self.observer
+        zero, per_action = goal_scale(observer.task, observer.numbers, np.zeros(1), observer.command[None])
+        low, high = (np.asarray(end) for end in (self._policy.contract.goal_low, self._policy.contract.goal_high))
+        start = np.clip(goals, low, high)
+        for _ in range(2):  # the latest action, and the one before
+            observer.acted(((start - zero) / per_action).reshape(-1))
+        self._start = start.tolist()
 
     def rehearse(self, reading: Reading, period: float, now: Callable[[], float]) -> float:
         """Ask for some goals that nobody sends; the run begins as if it had not been.
@@ -128,7 +156,9 @@ class PolicyCommands:
             PolicyError: as :meth:`Policy.act`.
         """
         self._now = now
-        rehearsal, times = PolicyCommands(self._policy, self._robot, self._schedule, self._segment), list[float]()
+        asked = None if self.asked is None else self.asked.still()
+        rehearsal = PolicyCommands(self._policy, self._robot, self._schedule, self._segment, asked)
+        times = list[float]()
         rehearsal._now = now
         first = now()
         for cycle in range(1 + REHEARSED):
@@ -159,6 +189,10 @@ class PolicyCommands:
             row = int((time + 1e-6) / self._segment) if math.isfinite(self._segment) else 0
             self.observer.command = self._schedule[min(row, len(self._schedule) - 1)]
         observer, contract = self.observer, self._policy.contract
+        if self.asked is not None:
+            observer.command = observer.task.command_at(
+                round(time * contract.goal_rate) / contract.goal_rate, self.asked
+            )
         due = round(time * contract.goal_rate)  # goals belong to the policy's own grid of periods, from 0
         acts = due - due % contract.goals_per_action  # the latest that an action belongs to
         observer.glance(reading)

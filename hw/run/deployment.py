@@ -33,6 +33,7 @@ from ..machine.calibration import as_row
 from ..machine.newest_calibration import newest
 from ..machine.robot import ServoRobot, build_robot, extended_robot
 from ..machine.unlike import unlike_the_factory, unlike_the_file
+from .asked import KEYS, asked_for
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
 from .connection import Opened, charge_of, checked_hw, opened_bus, opened_imu, opened_port
 from .excitation import library_excitation
@@ -123,8 +124,13 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
         raise SealegsError(f"estop is {estop!r}; it may be key, or the number of a file descriptor.")
     if isinstance(estop, int):
         check_descriptor(estop)
-    if estop == "key" and config["dead_man"]:
-        raise SealegsError("estop=key and dead_man=true both need the keyboard: give one of them.")
+    keys = {
+        "estop=key": estop == "key",
+        "dead_man=true": config["dead_man"],
+        "command=keyboard": config["command"] == KEYS,
+    }
+    if len(both := [word for word, wanted in keys.items() if wanted]) > 1:
+        raise SealegsError(f"{' and '.join(both)} both need the keyboard: give one of them.")
     if config["overruns"] not in ("log", "stop"):
         raise SealegsError(f"overruns is '{config['overruns']}'; it may be log or stop.")
     given = [key for key in SOURCES if config[key] not in (None, False)]
@@ -251,6 +257,8 @@ def _guarded(
             )
         if config["dead_man"]:
             say(f"Hold the space bar down: torque comes on then, and the run ends {PATIENCE:g} s after it is let go.")
+        if (asked := getattr(deployment.commands, "asked", None)) is not None:
+            stack.enter_context(asked.opened())
         by_key = config["estop"] == "key"
         button = stack.enter_context(pressed_key()) if by_key else config["estop"]
         say(
@@ -385,10 +393,7 @@ def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Comman
     if kind == "policy":
         policy = Policy(str(config["policy"]), config["task"])
         robot.check_contract(policy.contract, config["rate"])
-        command = config["command"]
-        if command is not None:
-            command = np.atleast_1d(np.asarray(checked("command", command, list[float] | float), float))
-        return PolicyCommands(policy, robot, command)
+        return policy_commands(policy, robot, config["command"])
     if kind == "replay":
         return read_replay(Path(str(config["replay"])), robot)
     if kind == "reference":
@@ -397,6 +402,23 @@ def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Comman
     if Path(word).suffix == ".csv":
         return read_excitation(Path(word), robot)
     return library_excitation(word, robot, config["reach"], checked_seed(config["seed"]))
+
+
+def policy_commands(policy: Policy, robot: ServoRobot, word: Any) -> PolicyCommands:
+    """Goals of a policy that is asked for what the key ``command`` says: numbers, a file, ``keyboard``, ``gamepad``, or
+    a function of the caller's.
+
+    Raises:
+        SealegsError: the word is none of these, or does not fit the policy's task.
+    """
+    if word is None:
+        return PolicyCommands(policy, robot)
+    task = policy.contract.task_on(robot.robot)[0]
+    if isinstance(word, list | int | float) and policy.contract.commands != len(task.asked_names()):
+        values = np.atleast_1d(np.asarray(checked("command", word, list[float] | float), float))
+        if len(values) == policy.contract.commands:  # such as a reach and phases of waves
+            return PolicyCommands(policy, robot, values)
+    return PolicyCommands(policy, robot, asked=asked_for(word, task))
 
 
 def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str, int]]) -> MeasuredLog:

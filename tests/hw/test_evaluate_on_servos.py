@@ -88,3 +88,11 @@ def test_torque_that_may_be_on_is_the_last_that_is_said(
     monkeypatch.setattr(deployment, "run", lambda prepared, say: Run(ended, log))
     with pytest.raises(NotAtRestError, match=r"^TORQUE MAY BE ON at servo.s. 1, .*cut their power.*did not answer"):
         compare(compose("evaluate", split([f"policy={policy}"], PLAIN)), tmp_path, lambda _: None)
+
+
+def test_model_and_machine_are_asked_for_what_a_person_asks(run: Any, policy: Path, tmp_path: Path) -> None:
+    (tmp_path / "motion.csv").write_text("time,joint\n0,0.1\n1,0.3\n")
+    asked = run(f"command={tmp_path / 'motion.csv'}").commands.asked
+    assert [asked(time)[0] for time in (0.0, 0.5, 2.0)] == pytest.approx([0.1, 0.2, 0.3])
+    with pytest.raises(SealegsError, match="command=keyboard is for deploy"):
+        compare(compose("evaluate", split([f"policy={policy}", "command=keyboard"], PLAIN)), tmp_path, lambda _: None)
