@@ -123,6 +123,8 @@ class AskedPath(Asked):
         for name, values in columns.items():
             self._values[:, self.place(name, where)] = values
         self.check(self._values, where)
+        if len(time) == 1:  # numbers that stay
+            self.description = self._values[0].tolist()
 
     def __call__(self, time: float) -> np.ndarray:
         return np.array([np.interp(time, self._time, column) for column in self._values.T])
