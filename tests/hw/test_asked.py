@@ -37,15 +37,16 @@ def tracker(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A policy that tracks on the bench and corrects nothing: its goals are its reference."""
     env = BatchVecEnv("SeaLegs/Track-v1", 2, seed=0, robot="bench", lead=0.05)
     model = PPO("MlpPolicy", env, device="cpu")
+    network: Any = model.policy
     with torch.no_grad():
-        model.policy.action_net.weight.zero_()
+        network.action_net.weight.zero_()
     return sealegs.export(model, tmp_path_factory.mktemp("policy") / "track.onnx")
 
 
 def goals(log: Path) -> tuple[np.ndarray, np.ndarray]:
     """Time [s] and goals of the bench [rad] of a log."""
     run = sealegs.read_log(log).runs[0]
-    return run.time, run.joints["joint"].goal
+    return run.time, np.asarray(run.joints["joint"].goal)
 
 
 def deployed(policy: Path, tmp_path: Path, command: Any, **more: Any) -> tuple[np.ndarray, np.ndarray]:
