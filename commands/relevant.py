@@ -28,7 +28,7 @@ def main(arguments: list[str]) -> None:
     from ..configs.check import checked
     from ..configs.compose import compose, split
 
-    config = compose(WORD, split(arguments, plain=("robot", "out"), first="robot"))
+    config = compose(WORD, split(arguments, plain=("robot", "out", "extended"), first="robot"))
     if config["robot"] is None:
         raise SealegsError("say which robot to analyse: robot=leg.")
     tempos = [checked("tempos", tempo, float) for tempo in _list(config["tempos"])]
@@ -36,7 +36,10 @@ def main(arguments: list[str]) -> None:
     if min(tempos) <= 0.0 or seconds < 0.5:
         raise SealegsError("tempos are positive times [s], and seconds is at least 0.5.")
     out = Path(str(config["out"] or fresh(Path("runs"), f"relevant-{Path(str(config['robot'])).stem}")))
-    analyse(str(config["robot"]), config["actuator"], tempos, seconds, config["amplitude"], seed, out)
+    analyse(
+        str(config["robot"]), config["actuator"], tempos, seconds, config["amplitude"], seed, out,
+        extended=checked("extended", config["extended"], str | None),
+    )  # fmt: skip
 
 
 def _list(value: Any) -> list[Any]:
@@ -44,7 +47,15 @@ def _list(value: Any) -> list[Any]:
 
 
 def analyse(
-    robot: str, actuator: Any, tempos: list[float], seconds: float, amplitude: float | None, seed: int, out: Path
+    robot: str,
+    actuator: Any,
+    tempos: list[float],
+    seconds: float,
+    amplitude: float | None,
+    seed: int,
+    out: Path,
+    *,
+    extended: str | None = None,
 ) -> dict[str, Any]:
     """Move, split, judge, write and tell.
 
@@ -56,19 +67,24 @@ def analyse(
         amplitude: share of the range; None: 0.8, and 0.15 for a robot that stands on the ground.
         seed: of the points.
         out: folder, without an earlier analysis.
+        extended: folder of a diagnosis, in the place of ``actuator``.
 
     Raises:
         SealegsError: wrong input, or a folder that has results.
     """
     from ..common.errors import SealegsError
     from ..envs.described.robot_file import is_robot_file
+    from ..envs.extended import extended_arguments
     from ..envs.make import environment_id
     from ..evaluation.relevant import RULE, Mover, judge
 
     if (out / "relevant.json").exists():
         raise SealegsError(f"{out} holds an analysis already; give another folder as out=.")
     of_file = is_robot_file(robot)
-    mover = Mover(environment_id("track" if of_file else robot), actuator, robot=robot if of_file else None)
+    env, file, params = environment_id("track" if of_file else robot), robot if of_file else None, None
+    if extended is not None:
+        actuator, params = extended_arguments(env, extended, actuator, None, file)
+    mover = Mover(env, actuator, params, robot=file)
     if amplitude is None:
         amplitude = FLOATING if mover.floating else FIXED
     out.mkdir(parents=True, exist_ok=True)

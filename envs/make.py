@@ -52,6 +52,7 @@ def make_env(
     extended: Extended | str | Path | None = None,
     actuator: ChainSource | Mapping[str, ChainSource] | None = None,
     params: Mapping[str, float] | None = None,
+    sb3: bool = False,
     **arguments: Any,
 ) -> Any:
     """A Gymnasium environment of a robot, as believed or as a diagnosis found it.
@@ -62,11 +63,13 @@ def make_env(
         extended: ``extended`` of a diagnosis, or the folder of one: chains and numbers of the robot.
         actuator: chain of all joints, or chains by joint, in place of the robot's own; not with ``extended``.
         params: numbers of the robot that differ from its own.
+        sb3: for Stable-Baselines3, whose vector environments are others than Gymnasium's.
         arguments: further ones of the environment, such as ``robot`` (of ``track`` and ``reach``: a name or a file),
             ``render_mode``, or weights of its reward.
 
     Returns:
-        A ``gymnasium.Env``, or a ``gymnasium.vector.VectorEnv`` where ``num_envs`` is given.
+        A ``gymnasium.Env``, or a ``gymnasium.vector.VectorEnv`` where ``num_envs`` is given; with ``sb3`` a
+        :class:`sealegs.envs.engine.sb3.BatchVecEnv`.
 
     Raises:
         SealegsError: there is no such environment, an argument is wrong, or the environment's robot cannot take what
@@ -76,6 +79,10 @@ def make_env(
     if extended is not None:
         actuator, params = extended_arguments(found, extended, actuator, params, arguments.get("robot"))
     keywords = {"actuator": actuator, "params": params, **arguments}
+    if sb3:
+        from .engine.sb3 import BatchVecEnv
+
+        return BatchVecEnv(found, num_envs or 1, **keywords)
     if num_envs is None:
         return gymnasium.make(found, **keywords)
     return gymnasium.make_vec(found, num_envs=num_envs, **keywords)

@@ -16,7 +16,14 @@ from .render import Scene, check_render_mode
 from .single import action_space, observation_space
 
 
-class BatchVectorEnv(TaskShell, gym.vector.VectorEnv):
+class _Told(type):
+    """Class of classes whose name tells where a learner that refuses them finds what it takes."""
+
+    def __repr__(cls) -> str:
+        return f"{super().__repr__()} (of Gymnasium; Stable-Baselines3 takes BatchVecEnv: make_env(..., sb3=True))"
+
+
+class BatchVectorEnv(TaskShell, gym.vector.VectorEnv, metaclass=_Told):
     """n simulations on all cores; a finished episode's successor starts in the same step (``SAME_STEP``).
 
     Its observations, rewards and infos are those of ``gymnasium.vector.SyncVectorEnv`` over single environments in that

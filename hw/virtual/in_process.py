@@ -11,6 +11,7 @@ from typing import Any
 from ...common.errors import SealegsError
 from ...configs.check import checked, checked_seed
 from ...envs.described.robot_imu import with_imu
+from ...envs.extended import read_extended
 from ...envs.robots import get_robot
 from ..bus.registers import ServoModel, load_model, ready_at
 from ..bus.servo_bus import ServoBus
@@ -22,7 +23,7 @@ from .simulated_port import SimulatedClock, SimulatedPort
 from .wire import Wire
 
 RATE = 1_000_000  # [bit/s]
-PLAIN = ("robot", "actuator", "hidden", "faults", "link")
+PLAIN = ("robot", "actuator", "extended", "hidden", "faults", "link")
 """Keys of ``configs/virtual.yaml`` that name files, or are words."""
 
 
@@ -73,7 +74,13 @@ def wires_of(config: Mapping[str, Any]) -> list[Wire]:
     hidden = checked("hidden", config["hidden"], str | None)
     robot = with_imu(robot, config["imu"])
     seed = checked_seed(config["seed"])
-    machine = Machine(robot, config["actuator"], hidden, config["params"], config["sensors"], config["pose"], seed)
+    actuator, params = config["actuator"], config["params"]
+    if (folder := checked("extended", config["extended"], str | None)) is not None:
+        if actuator is not None:
+            raise SealegsError("actuator= and extended= both say which chain drives the robot; give one of them.")
+        found = read_extended(folder)
+        actuator, params = dict(found.chains_on(robot)), found.params_on(robot, params)
+    machine = Machine(robot, actuator, hidden, params, config["sensors"], config["pose"], seed)
     others = {str(name): load_model(checked(f"buses.{name}", row, str)) for name, row in config["buses"].items()}
     mounted = mounts(machine.encoders, config["servos"], model, others)
     counts = {"": _registers(config["registers"], model)}

@@ -306,3 +306,46 @@ def test_so_does_the_next_experiment(tmp_path: Path) -> None:
     assert str(tmp_path) not in moved[1].read_text()
     said = read_sidecar(moved[0])
     assert said.robot == robot and said.actuators == {"elbow": chain}
+
+
+def test_a_learner_and_a_virtual_machine_get_what_the_diagnosis_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sealegs.commands import relevant
+    from sealegs.configs.compose import compose
+    from sealegs.hw.virtual import in_process
+    from stable_baselines3 import PPO
+
+    extended, _ = diagnosed({"load.mass_factor": 1.5, "friction.coulomb": 0.1})
+    write_extended(extended, tmp_path)
+    env = sealegs.make_env("bench", 2, extended=tmp_path, sb3=True)
+    PPO("MlpPolicy", env, n_steps=8, batch_size=16, device="cpu").learn(16)
+    mass, chain = 1.5 * PARAMS["mass"], extended.chains_on(sealegs.load_robot("bench"))["joint"].to_list()
+    assert env.engine.numbers["mass"] == pytest.approx(mass) and env.engine.chains["joint"].to_list() == chain
+
+    machines = []
+
+    class Told(in_process.Machine):
+        def __init__(self, *arguments: object) -> None:
+            machines.append(arguments)
+            super().__init__(*arguments)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(in_process, "Machine", Told)
+    in_process.wires_of(compose("virtual", {"extended": str(tmp_path)}))
+    _, chains, _, params, *_ = machines[0]
+    assert params["mass"] == pytest.approx(mass) and chains["joint"].to_list() == chain
+    with pytest.raises(SealegsError, match="give one of them"):
+        in_process.wires_of(compose("virtual", {"extended": str(tmp_path), "actuator": "ideal"}))
+
+    movers = []
+    monkeypatch.setattr("sealegs.evaluation.relevant.Mover", lambda *given, **_: movers.append(given) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        relevant.main(["robot=bench", f"extended={tmp_path}", f"out={tmp_path / 'out'}"])
+    assert movers[0][1]["joint"].to_list() == chain and movers[0][2]["mass"] == pytest.approx(mass)
+
+
+def test_a_learner_that_takes_other_vector_environments_says_which() -> None:
+    from stable_baselines3 import PPO
+
+    with pytest.raises(ValueError, match=r"Stable-Baselines3 takes BatchVecEnv: make_env\(\.\.\., sb3=True\)"):
+        PPO("MlpPolicy", sealegs.make_env("track", num_envs=2))
