@@ -1,11 +1,9 @@
-"""Cells of foreign tables as numbers: large counts, stamps, times of day, dates, grouped thousands, lists."""
+"""Cells of foreign tables as numbers, by pandas: counts, stamps, times of day, dates, grouped thousands, lists."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from decimal import Decimal
 from functools import partial
 from typing import Any
@@ -19,29 +17,22 @@ from ..units import unit_of
 EXACT = 2**53
 """Whole numbers beyond this one are not exact as float64."""
 DAY = 86400.0  # [s]
-STRAY = 0.02
+STRAY_SHARE = 0.02
 """Share of cells that may be no number in a column of numbers."""
-MISSING = frozenset(["", "-", "--", "---", "nan", "null", "none", "n/a", "na", "inf", "-inf", "#n/a", "ovf"])
-PLAIN = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?\Z")
-LIST = re.compile(r"[\[(]\s*[-+]?[\d.][-+\d.eE,;\s]*[\])]\Z")
+MISSING = ("", "-", "--", "---", "nan", "null", "none", "n/a", "na", "inf", "-inf", "#n/a", "ovf")
+NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
+LIST = r"[\[(]\s*[-+]?[\d.][-+\d.eE,;\s]*[\])]"
 """Numbers in brackets, with commas or without."""
-GROUPED = {
-    ",": re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?\Z"),
-    ".": re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?\Z"),
-}
+GROUPED = {",": r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?", ".": r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?"}
 """Numbers with grouped thousands, by the sign of their decimals."""
-QUANTITY = re.compile(r"([-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,;:+-]\S*)\Z")
+QUANTITY = re.compile(rf"({NUMBER})\s*([^\d\s.,;:+-]\S*)")
 FORMULA = re.compile(r"[=@]\s*[\w+(-]")
 """What a spreadsheet would compute, or run: ``=A1*2``, ``=cmd|calc``."""
-CLOCK = re.compile(
-    r"(?:(?P<days>\d+) days? )?(?:(?P<hours>\d{1,3}):)?(?P<minutes>\d{1,2}):(?P<seconds>\d{1,2}(?:[.,]\d+)?)"
-    r"\s*(?P<half>[AaPp][Mm])?\Z"
-)
-DATED = re.compile(
-    r"(?P<day>\d{1,4}[-./]\d{1,2}[-./]\d{1,4})(?:[T ]+(?P<clock>\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?\s*(?:[AaPp][Mm])?)"
-    r"(?:Z|[-+]\d\d:?\d\d)?)?\Z"
-)
-DATES = ("%d.%m.%Y", "%Y/%m/%d", "%Y-%m-%d", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%m/%d/%y")
+STAMP = r"(?:\d+ days? )?\d[\d.:/-]*[:/.-]\d[\dT :.,+-]*(?:Z|\s*[AaPp][Mm])?"
+VALUE = re.compile("|".join((NUMBER, LIST, *GROUPED.values(), STAMP)))
+"""How a number, a list of numbers, a date or a time is written."""
+DATES = ("", "%d.%m.%Y", "%Y/%m/%d", "%Y-%m-%d", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%m/%d/%y")
+TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H:%M", "")
 LONGEST_CELL = 300
 """Letters of a cell that may be a number, and of the name of a column."""
 LOOKED_AT = 1000
@@ -56,6 +47,19 @@ class Cells:
     columns: dict[str, Array] = field(default_factory=dict)
     left: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell of text may be a number, a list of numbers or a time."""
+    text = cell.strip().strip("'\"")
+    return bool(VALUE.fullmatch(text)) or text.lower() in (*MISSING[4:], "true", "false") or bool(quantity(text))
+
+
+def quantity(cell: str) -> tuple[float, str] | None:
+    """Number and unit of a cell such as ``12.5 deg``."""
+    match = QUANTITY.fullmatch(cell)
+    unit = unit_of(match[2]) if match else ""
+    return (float(match[1].replace(",", ".")), unit) if match and unit else None
 
 
 def numeric_columns(frame: pd.DataFrame) -> Cells:
@@ -83,22 +87,23 @@ def _take(name: str, cells: Any, out: Cells) -> None:
         since = cells - first if kind == "M" else cells
         out.columns[f"{name}_s"] = since.dt.total_seconds().to_numpy(np.float64)
     elif kind in "iufb" or isinstance(first, Decimal | bool | int | float | np.number):
-        out.columns[name] = _numbers(cells, known)
+        out.columns[name] = _numbers(cells)
     elif isinstance(first, str):
-        _take_text(name, ["" if pd.isna(cell) else str(cell).strip().strip("'\"") for cell in cells], out)
+        _take_text(name, cells.fillna("").astype(str).str.strip().str.strip("'\""), out)
     elif isinstance(first, dict):
         for key, own in pd.json_normalize([cell or {} for cell in cells]).items():
             _take(f"{name}.{key}", own, out)
     elif isinstance(first, list | tuple | np.ndarray):
         _take_lists(name, cells.tolist(), out)
     elif hasattr(first, "hour"):  # a time of day
-        out.columns[f"{name}_s"] = _across_midnight(np.array([_time_of_day(str(cell)) for cell in cells]))
+        _take_text(name, cells.astype(str), out)
     else:
         out.left[name] = f"it holds {type(first).__name__} values, no numbers"
 
 
-def _numbers(cells: pd.Series, known: pd.Series) -> Array:
+def _numbers(cells: pd.Series) -> Array:
     """Numbers as float64; whole ones beyond its digits are counted from the first that is known."""
+    known = cells.dropna()
     if cells.dtype.kind in "iuO" and any(
         isinstance(cell, int | np.integer) and abs(int(cell)) > EXACT for cell in known
     ):
@@ -107,7 +112,7 @@ def _numbers(cells: pd.Series, known: pd.Series) -> Array:
     return np.array([np.nan if cell is None else cell for cell in cells.tolist()], np.float64)
 
 
-def _take_lists(name: str, rows: Sequence[Any], out: Cells) -> None:
+def _take_lists(name: str, rows: list[Any], out: Cells) -> None:
     """The places of lists that are all equally long and hold numbers; none else."""
     try:
         matrix = np.array([np.asarray(row) for row in rows])
@@ -117,108 +122,82 @@ def _take_lists(name: str, rows: Sequence[Any], out: Cells) -> None:
         out.left[name] = "lists of different lengths, or not of numbers"
         return
     for place, column in enumerate(matrix.T):
-        out.columns[f"{name}[{place}]"] = _numbers(pd.Series(column), pd.Series(column))
+        out.columns[f"{name}[{place}]"] = _numbers(pd.Series(column))
 
 
 # --- text ------------------------------------------------------------------------------------------------------------
 
 
-def _take_text(name: str, cells: Sequence[str], out: Cells) -> None:
+def _take_text(name: str, cells: Any, out: Cells) -> None:
     """A column of text: numbers and times that are written in an unusual way, or the reason why it is left out."""
-    known = [cell for cell in cells if cell.lower() not in MISSING]
-    if not known or max(map(len, cells)) > LONGEST_CELL:
-        out.left[name] = "it holds long words, no numbers" if known else "it is empty"
+    there = ~cells.str.lower().isin(MISSING)
+    known, plain = cells[there], pd.to_numeric(cells, errors="coerce")
+    if not len(known) or cells.str.len().max() > LONGEST_CELL:
+        out.left[name] = "it holds long words, no numbers" if len(known) else "it is empty"
         return
-    if all(map(LIST.match, cells)):
+    if plain[there].notna().all():
+        out.columns[name] = _numbers(plain)
+        return
+    if cells.str.fullmatch(LIST).all():
         _take_lists(name, [[float(part) for part in re.split(r"[,;\s]+", cell[1:-1].strip())] for cell in cells], out)
         return
-    units = {found[1] if (found := quantity(cell)) else "" for cell in known}
-    if len(units) == 1 and "" not in units:
-        out.columns[f"{name} [{units.pop()}]"] = np.array([(quantity(cell) or (np.nan,))[0] for cell in cells])
-        return
-    reader, seconds = _reader(known)
+    sizes = [quantity(cell) for cell in known]
+    if units := {size[1] for size in sizes if size} if all(sizes) else set():
+        name = f"{name} [{units.pop()}]" if len(units) == 1 else name
+        known = pd.Series([str(size[0]) for size in sizes if size], known.index)
     if formula := next((cell for cell in known if FORMULA.match(cell)), ""):
         out.notes.append(
             f"{name} has formulas of a spreadsheet, which are not computed ({formula[:20]!r}): export values"
         )
-    if reader is None and formula:
-        out.left[name] = f"it holds formulas of a spreadsheet, which are not computed: export values ({formula[:20]!r})"
-        return
-    if reader is None:
+    values, seconds = _read(known)
+    if values is None:
         words = list(dict.fromkeys(known[:LOOKED_AT]))
         named = ", ".join(repr(word[:20]) for word in words[:3]) + ", ..." * (len(words) > 3)
-        out.left[name] = f"it holds text, no numbers: {named}"
+        computed = f"formulas of a spreadsheet, which are not computed: export values ({formula[:20]!r})"
+        out.left[name] = f"it holds {computed if formula else f'text, no numbers: {named}'}"
         return
-    values = np.array([_or_nan(reader, cell) for cell in cells])
-    if odd := [cell for cell in known if np.isnan(_or_nan(reader, cell))]:
+    if len(odd := known[values.isna()]):
         cells_are = f"{len(odd)} cells of {name} are" if len(odd) > 1 else f"1 cell of {name} is"
-        out.notes.append(f"{cells_are} no number and read as no value, the first {odd[0][:20]!r}")
-    out.columns[f"{name}_s" if seconds else name] = _across_midnight(values) if seconds else values
+        out.notes.append(f"{cells_are} no number and read as no value, the first {odd.iloc[0][:20]!r}")
+    whole = values.reindex(cells.index).to_numpy(np.float64)
+    out.columns[f"{name}_s" if seconds else name] = _across_midnight(whole) if seconds else whole
 
 
-def _or_nan(reader: Callable[[str], float], cell: str) -> float:
-    try:
-        return reader(cell)
-    except ValueError:
-        return float("nan")
+def _read(known: Any) -> tuple[Any, bool]:
+    """Numbers of nearly all cells of a column, and whether these are seconds; None where they are none."""
+    sample = known.iloc[:: max(len(known) // LOOKED_AT, 1)]
+    readers = [(partial(_number, decimal=decimal), False) for decimal, form in GROUPED.items()
+               if known.str.fullmatch(form).any()]  # fmt: skip
+    readers += [(partial(_number, decimal=""), False), (_duration, True)]
+    if sample.str.contains(":").mean() >= 1.0 - STRAY_SHARE:
+        readers += [(partial(_stamp, form=f"{date} {time}".strip()), True) for date in DATES for time in TIMES]
+    for reader, seconds in readers:
+        if reader(sample).notna().mean() >= 1.0 - STRAY_SHARE:
+            return reader(known), seconds
+    return None, False
 
 
-def _reader(known: Sequence[str]) -> tuple[Callable[[str], float] | None, bool]:
-    """What reads nearly all cells of a column, and whether it gives seconds; None where nothing does."""
-    sample = known[:: max(len(known) // LOOKED_AT, 1)]
-
-    def fits(reader: Callable[[str], float]) -> bool:
-        return sum(not np.isnan(_or_nan(reader, cell)) for cell in sample) >= (1.0 - STRAY) * len(sample)
-
-    if fits(_time_of_day):
-        return _time_of_day, True
-    for form in DATES if DATED.match(sample[0]) else ():
-        stamp = lambda cell, form=form: _stamp(cell, form)  # noqa: E731
-        if fits(stamp):
-            since = DAY * (min(_or_nan(stamp, cell) for cell in sample) // DAY)
-            return partial(_stamp, form=form, since=since), True
-    for decimal, grouped in GROUPED.items():
-        number = lambda cell, decimal=decimal: _number(cell, decimal)  # noqa: E731
-        other = "." if decimal == "," else ","
-        if any(grouped.match(cell) and other in cell for cell in known) and fits(number):
-            return number, False
-    plain = lambda cell: float(cell.replace(",", ".")) if PLAIN.match(cell) else np.nan  # noqa: E731
-    return (plain, False) if fits(plain) else (None, False)
+def _number(cells: Any, decimal: str) -> Any:
+    """Numbers with decimals behind either sign, or with their thousands grouped where the sign is given."""
+    form = f"{GROUPED[decimal]}|[-+]?\\d*(?:[{decimal}]\\d*)?" if decimal else NUMBER
+    plain = cells.where(cells.str.fullmatch(form))
+    if decimal:
+        plain = plain.str.replace("." if decimal == "," else ",", "", regex=False)
+    return pd.to_numeric(plain.str.replace(",", ".", regex=False), errors="coerce")
 
 
-def _number(cell: str, decimal: str) -> float:
-    """A number with its thousands grouped."""
-    other = "." if decimal == "," else ","
-    if other in cell and not GROUPED[decimal].match(cell):
-        raise ValueError(cell)
-    return float(cell.replace(other, "").replace(decimal, "."))
+def _duration(cells: Any) -> Any:
+    """Seconds of times of day and of durations: ``12:00:00.01``, ``00.01`` behind minutes, ``1 days 12:00:00``."""
+    whole = cells.str.replace(",", ".", regex=False).str.replace(r"^(\d{1,2}:\d{1,2}(?:\.\d+)?)$", r"00:\1", regex=True)
+    return pd.to_timedelta(whole.where(whole.str.contains(":")), errors="coerce").dt.total_seconds()
 
 
-def quantity(cell: str) -> tuple[float, str] | None:
-    """Number and unit of a cell such as ``12.5 deg``."""
-    match = QUANTITY.match(cell)
-    unit = unit_of(match[2]) if match else ""
-    return (float(match[1].replace(",", ".")), unit) if match and unit else None
-
-
-def _time_of_day(cell: str) -> float:
-    match = CLOCK.match(cell)
-    if not match:
-        raise ValueError(cell)
-    hours = float(match["hours"] or 0)
-    if match["half"]:
-        hours = hours % 12 + 12 * (match["half"].lower() == "pm")
-    of_day = 3600.0 * hours + 60.0 * float(match["minutes"]) + float(match["seconds"].replace(",", "."))
-    return DAY * float(match["days"] or 0) + of_day
-
-
-def _stamp(cell: str, form: str, since: float = 0.0) -> float:
-    """Seconds of a date with a time of day, since 1970 or later."""
-    match = DATED.match(cell)
-    if not match:
-        raise ValueError(cell)
-    days = datetime.strptime(match["day"], form).toordinal() - datetime(1970, 1, 1).toordinal()
-    return days * DAY - since + (_time_of_day(match["clock"].strip()) if match["clock"] else 0.0)
+def _stamp(cells: Any, form: str) -> Any:
+    """Seconds of dates with a time, since the first of the days."""
+    plain = cells.str.replace(r"(?<=\d)T(?=\d)", " ", regex=True).str.replace(",", ".", regex=False)
+    plain = plain.str.replace(r"(?:Z|(?<=:\d\d)[-+]\d\d:?\d\d|(?<=\.\d{6})[-+]\d\d:?\d\d)$", "", regex=True)
+    found = pd.to_datetime(plain, format=form, errors="coerce")
+    return (found - found.dt.normalize().min()).dt.total_seconds()
 
 
 def _across_midnight(seconds: Array) -> Array:

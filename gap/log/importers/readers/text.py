@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import codecs
 import csv
-import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -16,7 +15,7 @@ from .....common.documents import RECORDING, DocumentError, read_bytes
 from ...types import LogError
 from ..recording import NoRecording
 from ..units import unit_of
-from .cells import CLOCK, DATED, FORMULA, GROUPED, LIST, LONGEST_CELL, PLAIN, quantity
+from .cells import FORMULA, LONGEST_CELL, is_value
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
@@ -31,7 +30,6 @@ STAMPED = re.compile(r"(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
 """What Arduino's monitor puts before a line."""
 WRAPPED = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}],?\s*\Z")
 """A line in brackets, as of JSON."""
-WORDS = frozenset(["true", "false", "nan", "null", "none", "na", "n/a", "inf", "-inf"])
 LONG = re.compile(rf"[^\s,;|]{{{LONGEST_CELL + 1},}}")
 """A word that is cut: no number is so long, and patterns take time with the square of a word."""
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")
@@ -40,29 +38,18 @@ CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")
 
 @dataclass
 class _Layout:
-    """How a file is laid out.
-
-    Attributes:
-        names: of its columns.
-        skipped: lines above the first sample.
-        separator: between cells.
-        comma: whether decimals stand behind a comma.
-        notes: for people.
-        words: no column holds numbers in most of the last lines.
-        labels: each cell names its column.
-    """
+    """How a file is laid out: names of its columns, lines above the first sample, the sign between cells, whether each
+    cell names its column, and notes for people."""
 
     names: list[str]
     skipped: int
     separator: str
-    comma: bool
-    notes: list[str] = field(default_factory=list)
-    words: bool = False
-    labels: bool = False
+    labels: bool
+    notes: list[str]
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
-    """A text file as a table, and notes on how it was read.
+    """A text file as a table of text, and notes on how it was read.
 
     Raises:
         LogError: it is no text, is empty, or a row has other cells than the rest.
@@ -77,20 +64,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     layout = _layout(lines[:HEAD], path)
     if encoding == "cp1252":
         layout.notes.append("the file is read as Windows text (cp1252), for it is no UTF-8")
-    if layout.words:
-        computed = any(FORMULA.match(cell.strip(" \"'")) for line in lines[:HEAD] for cell in _split(line, ","))
-        what = "holds formulas of a spreadsheet, which are not computed; export values" if computed else (
-            "has no column of numbers; export it as CSV with one header line, or as Parquet"
-        )  # fmt: skip
-        raise NoRecording(f"{path}: {what}.")
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    for row in _rows(lines, layout, path):
-        writer.writerow(row)
-    out.seek(0)
-    frame = pd.read_csv(out, header=None, names=layout.names, decimal="," if layout.comma else ".", low_memory=False,
-                        skipinitialspace=True, index_col=False)  # fmt: skip
-    return frame, layout.notes
+    return pd.DataFrame(_rows(lines, layout, path), columns=layout.names, dtype="str"), layout.notes
 
 
 def _rows(lines: Sequence[str], layout: _Layout, path: Path) -> list[list[str]]:
@@ -136,7 +110,11 @@ def _encoding(raw: bytes, path: Path) -> str:
 
 
 def _layout(lines: Sequence[str], path: Path) -> _Layout:
-    """What the first lines of a file say of it."""
+    """What the first lines of a file say of it.
+
+    Raises:
+        NoRecording: it holds no samples.
+    """
     filled = [k for k, line in enumerate(lines) if _is_filled(line)]
     if not filled:
         raise NoRecording(f"{path}: is empty; record the log again or leave the file out.")
@@ -148,20 +126,23 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
     notes: list[str] = []
     if labelled and labelled[-1] in filled[-2:]:
         names = [match[1] if (match := LABELLED.match(cell)) else "" for cell in rows[labelled[-1]]]
-        return _Layout(_unique(names, notes), labelled[0], separator, False, notes, labels=True)
+        return _Layout(_unique(names, notes), labelled[0], separator, True, notes)
     usual = _usual(rows, filled, width)
     start = next((k for k in filled if len(rows[k]) == width and _is_sample(rows[k], usual)), None)
-    if len(filled) == 1 and start is None:
-        raise NoRecording(f"{path}: has names, but no samples; record the log again or leave the file out.")
     if start is None or not usual:
-        return _Layout([], 0, separator, False, words=not usual or len(filled) < 2)
+        cells = (cell.strip(" \"'") for k in filled for cell in rows[k])
+        what = "has no column of numbers; export it as CSV with one header line, or as Parquet"
+        if len(filled) == 1 and start is None:
+            what = "has names, but no samples; record the log again or leave the file out"
+        elif any(map(FORMULA.match, cells)):
+            what = "holds formulas of a spreadsheet, which are not computed; export values"
+        raise NoRecording(f"{path}: {what}.")
     names = _names(lines, rows, [k for k in filled if k < start], start, width, path, notes)
     if long := next((name for name in names if len(name) > LONGEST_CELL), ""):
         raise LogError(
             f"{path}: column '{long[:40]}...' has a name of over {LONGEST_CELL} letters; give it a shorter one."
         )
-    comma = any("," in cell for k in filled[-20:] if k >= start for cell in rows[k] if PLAIN.match(cell.strip()))
-    return _Layout(_unique(names, notes), start, separator, comma, notes)
+    return _Layout(_unique(names, notes), start, separator, False, notes)
 
 
 def _is_labelled(cell: str) -> bool:
@@ -199,7 +180,7 @@ def _names(
 def _usual(rows: dict[int, list[str]], filled: Sequence[int], width: int) -> list[int]:
     """Columns that hold numbers or times in most of the last rows."""
     last = [rows[k] for k in filled[-LAST:] if len(rows[k]) == width and (k != filled[0] or len(filled) == 1)]
-    return [at for at in range(width) if 2 * sum(_is_value(row[at]) for row in last) > len(last)]
+    return [at for at in range(width) if 2 * sum(is_value(row[at]) for row in last) > len(last)]
 
 
 def _other_split(line: str, width: int) -> list[str]:
@@ -211,13 +192,7 @@ def _other_split(line: str, width: int) -> list[str]:
 
 def _is_sample(row: Sequence[str], usual: Sequence[int]) -> bool:
     cells = [row[at].strip() for at in usual if row[at].strip()]
-    return bool(cells) and all(map(_is_value, cells))
-
-
-def _is_value(cell: str) -> bool:
-    text = cell.strip().strip("'\"")
-    shapes = (PLAIN, CLOCK, DATED, LIST, *GROUPED.values())
-    return any(shape.match(text) for shape in shapes) or text.lower() in WORDS or bool(quantity(text))
+    return bool(cells) and all(map(is_value, cells))
 
 
 def _separator(lines: Sequence[str]) -> str:
@@ -229,7 +204,7 @@ def _separator(lines: Sequence[str]) -> str:
         usual = max(set(counts), key=counts.count)
         if usual < 2 or counts.count(usual) < 0.8 * len(counts):
             continue
-        values = sum(_is_value(cell) or _is_labelled(cell) for row in rows for cell in row)
+        values = sum(is_value(cell) or _is_labelled(cell) for row in rows for cell in row)
         if values > most:
             best, most = separator, values
     return best
