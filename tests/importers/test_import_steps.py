@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.actuators import load_chain
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.units import run_in_model_units
 from sealegs.gap.log import LogError, read_measured
@@ -194,22 +193,10 @@ def test_repeated_stamps_are_left_out_by_a_line_that_is_offered(tmp_path: Path) 
 # --- LeRobot ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_gains_that_lerobot_sets_are_told_with_a_chain_that_has_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_gains_that_lerobot_sets_are_told_of_the_robots_that_have_them(tmp_path: Path) -> None:
     """A diagnosis with the factory's gain found the converter's error."""
-    source, out = data_set(tmp_path / "data", "v3.0", 180.0 / np.pi, NAMES), tmp_path / "log"
-    text = propose_for(source, out).text
-    (note,) = re.findall(r"# Note: (LeRobot sets P 16, I 0, D 32 .*)", text)
-    line = re.search(r"`(\[.*\])`", note)
-    assert line
-    monkeypatch.chdir(tmp_path)
-    Path("so101_servo.yaml").write_text(line[1])
-    found = propose_for(source, out, robot="bench", actuator="so101_servo.yaml")
-    import_logs(source, out, found.mapping)
-    monkeypatch.chdir("/")
-    chain = load_chain(read_measured(out).runs[0].actuators["gripper"])
-    assert chain.value("position_p.gain") == pytest.approx(0.5 * load_chain("sts3215").value("position_p.gain"))
+    source = data_set(tmp_path / "data", "v3.0", 180.0 / np.pi, NAMES)
+    assert "LeRobot sets P 16, I 0, D 32" in propose_for(source, tmp_path / "log").text
     info = source / "meta" / "info.json"
     info.write_text(info.read_text().replace('"so100"', '"koch_follower"'))
     assert "LeRobot sets" not in propose_for(source, tmp_path / "other").text

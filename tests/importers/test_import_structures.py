@@ -183,35 +183,9 @@ def test_files_that_are_called_as_joints_of_the_robot_are_joined_on_their_clock(
     np.testing.assert_allclose(goal, MOTIONS[0]["goal"], atol=1e-8)
 
 
-def test_joints_that_were_read_at_other_times_of_the_day_are_interpolated_and_goals_held(tmp_path: Path) -> None:
-    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (UNIX, UNIX + 0.104))
-    (one,) = propose_for(source, tmp_path / "out", "rad", robot=str(robot_of(tmp_path, "shoulder", "elbow"))).recordings
-    assert one.columns["time"][0] == pytest.approx(UNIX + 0.11) and one.columns["time"][-1] == pytest.approx(
-        UNIX + 4.99
-    )
-    late = MOTIONS[1]
-    expected = np.interp(one.columns["time"] - UNIX - 0.104, TIME, late["smooth"])
-    np.testing.assert_allclose(one.columns["shoulder.position"], expected, atol=1e-5)
-    np.testing.assert_allclose(one.columns["shoulder.goal"], late["goal"][: one.length], atol=1e-8)
-
-
-def test_joints_of_several_rates_are_joined_on_the_slowest_clock(tmp_path: Path) -> None:
-    """On that of the fastest, which the alphabet put first, most readings of the other were straight lines."""
-    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (UNIX, UNIX))
-    head, *rows = (source / "shoulder.csv").read_text().splitlines()
-    (source / "shoulder.csv").write_text("\n".join([head, *rows[::5]]))
-    robot = robot_of(tmp_path, "shoulder", "elbow")
-    proposed = propose_for(source, tmp_path / "out", "rad", robot=str(robot))
-    assert "on 'time' of shoulder.csv, the slowest; " in proposed.text
-    (one,) = proposed.recordings
-    np.testing.assert_allclose(one.columns["time"], UNIX + TIME[::5], atol=1e-3)
-    for joint, motion_of in zip(("elbow", "shoulder"), MOTIONS, strict=False):
-        np.testing.assert_allclose(one.columns[f"{joint}.position"], motion_of["smooth"][::5], atol=1e-5)
-        np.testing.assert_allclose(one.columns[f"{joint}.goal"], motion_of["goal"][::5], atol=1e-8)
-
-
-def test_files_of_joints_whose_clocks_do_not_say_what_belongs_together_are_refused(tmp_path: Path) -> None:
-    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), (0.0, 0.004))
+@pytest.mark.parametrize("begins", [(0.0, 0.004), (UNIX, UNIX + 0.104)])
+def test_files_of_joints_whose_clocks_are_not_the_same_are_refused(tmp_path: Path, begins: tuple[float, float]) -> None:
+    source = files_of(tmp_path / "arm", ("elbow", "shoulder"), begins)
     with pytest.raises(LogError, match=r"elbow.csv, shoulder.csv look like a file for each joint .*elbow.position"):
         propose_for(source, tmp_path / "out", "rad", robot=str(robot_of(tmp_path, "shoulder", "elbow")))
 

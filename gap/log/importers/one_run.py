@@ -12,13 +12,11 @@ import numpy as np
 
 from ..types import COMMANDS, SIGNAL_UNITS, LogError
 from .claims import plain
-from .clocks import HELD, clock_units, find_clock, held, in_force, offset_note, overlap, together
+from .clocks import find_clock, in_force, offset_note, overlap, together
 from .names import said
 from .positions import bare
 from .recording import Recording
 
-SAME_RATE = 0.98
-"""Share of the longest median step from which a clock is as slow as the slowest: the first of these is taken."""
 TELLING = re.compile(
     r"[_\W]*(states?|commands?|cmds?|feedback|measured|goals?|targets?|actions?|sensors?|motors?)[_\W]*", re.I
 )
@@ -55,17 +53,14 @@ def joined(recordings: list[Recording], joints: Collection[str], source: Path) -
     times = [one.columns[clock] for one in recordings if clock in one.columns]
     if len(called) < 2 and not (not called and together(times) and _differ(recordings, clock)):
         return recordings
-    same = bool(times) and all(clock_units(time) and np.array_equal(time, times[0]) for time in times)
-    if len(set(called)) == len(recordings) and (same or together(times)):
+    if times and len(set(called)) == len(recordings) and all(np.array_equal(time, times[0]) for time in times):
         return [_join(recordings, called, clock, source)]
     files = ", ".join(one.source.name for one in recordings[:3]) + (", ..." if len(recordings) > 3 else "")
-    signals = [key for key in recordings[0].columns if key != clock] or ["position"]
-    name = next((key for key in signals if said(key).signal == "position"), signals[0])
     why = "" if called else "say robot= with a file whose joints are called so, or "
     raise LogError(
-        f"{source}: {files} look like a file for each joint of one recording, and not like runs; {why}join them into "
-        f"one table with columns {called[0] if called else recordings[0].name}.{name}, ..., or import each file on its "
-        "own."
+        f"{source}: {files} look like a file for each joint of one recording, and not like runs, and their clocks are "
+        f"not the same; {why}join them into one table with columns "
+        f"{called[0] if called else recordings[0].name}.position, ..., or import each file on its own."
     )
 
 
@@ -122,30 +117,18 @@ def _differ(recordings: Sequence[Recording], clock: str) -> bool:
 
 
 def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, source: Path) -> Recording:
-    """One recording on the slowest clock while all run: goals held, what was measured on straight lines.
-
-    On a faster clock most samples of a slow file would lie on lines between two that were measured, without noise of
-    their own.
-    """
-    times = [one.columns[clock] for one in recordings]
-    periods = [float(np.median(np.diff(time))) for time in times]
-    slowest = next(k for k, period in enumerate(periods) if period >= SAME_RATE * max(periods))
-    first, begin, end = recordings[slowest], max(time[0] for time in times), min(time[-1] for time in times)
-    at = times[slowest][(times[slowest] >= begin) & (times[slowest] <= end)]
+    """One recording of files that have the same clock."""
     parts = {f"{joint}.{key}": (joint, key) for recording, joint in zip(recordings, joints, strict=True)
              for key in recording.columns if key != clock and said(key).signal != "time"}  # fmt: skip
-    columns = {clock: at}
-    for name, (joint, key) in parts.items():
-        time, values = times[joints.index(joint)], recordings[joints.index(joint)].columns[key]
-        stepped = said(key).signal in HELD or len(np.unique(values)) < 3
-        columns[name] = held(time, values, at) if stepped else np.interp(at, time, values)
-    facts = {key: value for key, value in first.facts.items() if all(one.facts.get(key) == value for one in recordings)}
-    rates = ", the slowest" * (min(periods) < SAME_RATE * max(periods))
+    files = dict(zip(joints, recordings, strict=True))
+    columns = {clock: recordings[0].columns[clock]}
+    columns |= {name: files[joint].columns[key] for name, (joint, key) in parts.items()}
+    facts = {key: value for key, value in recordings[0].facts.items()
+             if all(one.facts.get(key) == value for one in recordings)}  # fmt: skip
     note = (
-        f"{', '.join(one.source.name for one in recordings)} are taken for a joint each of one recording and joined on "
-        f"'{clock}' of {first.source.name}{rates}; where each is a run of its own, import it on its own"
+        f"{', '.join(one.source.name for one in recordings)} are taken for a joint each of one recording, for they "
+        f"have the same '{clock}'; where each is a run of its own, import it on its own"
     )
     notes = tuple(dict.fromkeys([*(note for one in recordings for note in one.notes), note]))
-    return replace(
-        first, name=source.resolve().name, columns=columns, source=source, facts=facts, notes=notes, parts=parts
-    )
+    name = source.resolve().name
+    return replace(recordings[0], name=name, columns=columns, source=source, facts=facts, notes=notes, parts=parts)

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
 from pyarrow import ArrowInvalid, parquet
 
-from .....actuators.chain import load_chain
 from .....common.documents import DocumentError, read_json
 from ...types import LogError
 from ..recording import Recording
@@ -28,10 +26,11 @@ NAMED = (MEASURED, "action", "observation.velocity", "observation.effort", "obse
 """Features whose places are joints."""
 FOLLOWERS = re.compile(r"(bi_)?so(100|101)?(_follower)?\Z")
 """Types of the robots on whose STS3215 LeRobot sets gains of its own at every start."""
-CHAIN = "sts3215"
-FACTORY_P, SET_P = 32, 16
-"""Register P of the servo: from the factory, which :data:`CHAIN` has, and as LeRobot sets it beside I 0, D 32 and
-acceleration 254 (configure in src/lerobot/robots/so_follower/so_follower.py)."""
+GAINS = (
+    "LeRobot sets P 16, I 0, D 32 and acceleration 254 on the servos of {}, and the chain sts3215 has the factory's P "
+    "32: import with actuator= and a chain of half its gain (docs: Import a log, LeRobot's SO-100 and SO-101)"
+)
+"""As configure in src/lerobot/robots/so_follower/so_follower.py sets them."""
 
 
 def is_lerobot(folder: Path) -> bool:
@@ -66,7 +65,7 @@ def read_lerobot(folder: Path) -> list[Recording]:
     notes = [
         "timestamps are the frame's number over the frame rate, not read from a clock",
         *(note for name in named for note in _nameless(name, features[name])),
-        *([_gains(robot)] if FOLLOWERS.match(robot) else []),
+        *([GAINS.format(robot)] if FOLLOWERS.match(robot) else []),
     ]
     table = pd.concat([_file(path, named) for path in files], ignore_index=True)
     facts: dict[str, float | str] = {"fps": float(info.get("fps") or 0.0), "robot_type": robot}
@@ -102,18 +101,6 @@ def _columns(table: Any, features: Mapping[str, Any]) -> dict[str, np.ndarray]:
         called = called if index < len(called) else measured
         out[f"{feature}.{called[index] if index < len(called) else f'joint{index}'}"] = values
     return out
-
-
-def _gains(robot: str) -> str:
-    """What LeRobot sets on the servos of a robot, and the chain that has it."""
-    chain = load_chain(CHAIN)
-    gain = chain.value("position_p.gain")
-    halved = chain.with_value("position_p.gain", gain * SET_P / FACTORY_P).to_list()
-    text = yaml.safe_dump(halved, default_flow_style=True, width=10**6, sort_keys=False).strip()
-    return (
-        f"LeRobot sets P {SET_P}, I 0, D 32 and acceleration 254 on the servos of {robot}, and the chain {CHAIN} has "
-        f"the factory's P {FACTORY_P}: halve its gain, actuator=so101_servo.yaml, a file with the line `{text}`"
-    )
 
 
 def _names(feature: Mapping[str, Any]) -> list[str]:

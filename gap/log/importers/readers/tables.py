@@ -23,10 +23,12 @@ MOST_JOINTS, FEWEST_ROWS = 64, 10
 """Joints of a table at most, and rows of each at least."""
 TOGETHER = 0.1
 """Share of the sample period within which joints were read at one time."""
-WHOLE = 0.9
+WHOLE_SHARE = 0.9
 """Share of the samples that have all joints, of a table with a row for each joint."""
-REPEATED = 0.05
+MOST_REPEATED = 0.05
 """Share of the rows up to which rows that say the same once more are left out."""
+JOINT, SAMPLE = " joint", " sample"
+"""Columns of such a table that no file has."""
 
 
 def read_table(path: Path) -> list[Recording]:
@@ -68,18 +70,8 @@ def recording_of(
     parts = _by_joints(frame, cells, path)
     own, of_facts = facts_beside(path)
     notes = [*notes, *cells.notes, *of_facts]
-    return Recording(
-        path.stem,
-        columns=cells.columns,
-        source=path,
-        kind="table",
-        facts=own | (facts or {}),
-        roles={},
-        notes=tuple(notes),
-        units={},
-        left=cells.left,
-        parts=parts,
-    )
+    return Recording(path.stem, cells.columns, path, "table", own | (facts or {}), notes=tuple(notes), left=cells.left,
+                     parts=parts)  # fmt: skip
 
 
 # --- a row for each joint --------------------------------------------------------------------------------------------
@@ -100,30 +92,26 @@ def _by_joints(frame: pd.DataFrame, cells: Cells, path: Path) -> dict[str, tuple
         LogError: the joints were read at different times, and a log has one time for all; or a joint has two rows at
             one time.
     """
-    words = {
-        name: frame[name].map(lambda word: word if isinstance(word, str) else "")
-        for name in cells.left
-        if name in frame
-    }
+    words = {name: frame[name].map(lambda word: word if isinstance(word, str) else "")
+             for name in cells.left if name in frame}  # fmt: skip
     words |= {name: pd.Series(values) for name, values in cells.columns.items() if _says_joint(name)}
     for name, column in words.items():
         spelt: Any = column.map(_label)
-        labels, joints = spelt.to_numpy(str), [label for label in spelt.unique() if label]
-        if not 2 <= len(joints) <= MOST_JOINTS or min((labels == joint).sum() for joint in joints) < FEWEST_ROWS:
+        counts = spelt[spelt != ""].value_counts(sort=False)
+        if not 2 <= len(counts) <= MOST_JOINTS or counts.min() < FEWEST_ROWS:
             continue
-        names_joint = _says_joint(name) and not (said(name).signal or said(name).aside)
+        labels, joints = spelt.to_numpy(str), [*counts.index]
         clocks = [clock for clock in cells.columns if clock != name and _runs(cells.columns[clock], labels, joints)]
         for clock in sorted(clocks, key=lambda clock: said(clock).signal != "time")[:1]:
-            time = cells.columns[clock]
-            blocks = bool((np.diff(time) < 0.0).any())  # one below the other: joints, or else runs
+            blocks = bool((np.diff(cells.columns[clock]) < 0.0).any())  # one below the other: joints, or else runs
+            known = labels[labels != ""]
+            in_turn = bool((known[1:] != known[:-1]).mean() > WHOLE_SHARE)  # polled, and no state that holds
+            certain = _says_joint(name) and not (said(name).signal or said(name).aside)
+            rows = _Rows(cells, name, clock, labels, joints)
             if (_says_joint(name) or not blocks) and (
-                parts := _pivot(cells, name, clock, labels, joints, names_joint, path)
+                parts := rows.pivot(certain, name in cells.left or in_turn, path)
             ):
                 return parts
-            known = labels[labels != ""]
-            in_turn = bool((known[1:] != known[:-1]).mean() > WHOLE)  # polled, and no state that holds
-            if names_joint and (name in cells.left or in_turn):
-                _refuse(time, clock, name, labels, joints, path)
     return {}
 
 
@@ -144,66 +132,79 @@ def _runs(values: np.ndarray, labels: np.ndarray, joints: list[str]) -> bool:
     return all(np.isfinite(part).all() and clock_units(part) for part in parts) and overlap(parts)
 
 
-def _pivot(
-    cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str], names_joint: bool, path: Path
-) -> dict[str, tuple[str, str]]:
-    """Give the table one row a sample; nothing is changed where joints do not share their samples."""
-    counts = {column for column, values in cells.columns.items() if (np.diff(values) == 1.0).all()}  # of the rows
-    carried = [column for column in cells.columns if column not in {name, clock, *counts}]
-    table: Any = pd.DataFrame({column: cells.columns[column] for column in (clock, *carried)}).assign(**{"": labels})
-    table = table[table[""] != ""].sort_values(clock, kind="stable")
-    time = table[clock].to_numpy()
-    period = min(float(np.median(np.diff(own))) for _, own in table.groupby("")[clock])
-    sample, first = np.zeros(len(time), int), 0
-    for k in range(1, len(time)):  # rows that are near the first one of a sample are of it
-        later = time[k] - time[first] > TOGETHER * period
-        first, sample[k] = (k if later else first), sample[k - 1] + later
-    table[" "] = sample
-    again = table.duplicated([" ", ""])
-    if (table[~again].groupby(" ").size() == len(joints)).mean() < WHOLE:
-        return {}
-    notes = list(cells.notes)
-    if again.any():
-        differ = again & ~table.duplicated([" ", "", *carried])
-        if (differ.any() or again.mean() > REPEATED) and not names_joint:
-            return {}
-        if differ.any() or again.mean() > REPEATED:
-            row = table[differ if differ.any() else again].iloc[0]
-            of_pair = table[(table[" "] == row[" "]) & (table[""] == row[""])]
-            column = next((one for one in carried if of_pair[one].nunique(dropna=False) > 1), "")
-            what = f"which differ in {column}" if differ.any() else f"as {again.mean():.0%} of all rows are repeats"
-            raise LogError(
-                f"{path}: '{name}' names the joint of each row, and {row['']} has two rows at {clock} = "
-                f"{row[clock]:.15g}, {what}; leave one row of each such pair out, or import a file for each joint."
+class _Rows:
+    """A table with a row for each joint: the column that names the joint, the clock, and the joint of each row."""
+
+    def __init__(self, cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str]) -> None:
+        self.cells, self.name, self.clock, self.joints = cells, name, clock, joints
+        counts = {column for column, values in cells.columns.items() if (np.diff(values) == 1.0).all()}  # of the rows
+        self.carried = [column for column in cells.columns if column not in {name, clock, *counts}]
+        table: Any = pd.DataFrame({column: cells.columns[column] for column in (clock, *self.carried)})
+        table = table.assign(**{JOINT: labels})[labels != ""].sort_values(clock, kind="stable")
+        self.period = float(table.groupby(JOINT)[clock].agg(lambda own: own.diff().median()).min())
+        self.table = table.assign(**{SAMPLE: (table[clock].diff() > TOGETHER * self.period).cumsum()})
+
+    def pivot(self, certain: bool, polled: bool, path: Path) -> dict[str, tuple[str, str]]:
+        """Give the table one row a sample; nothing is changed where joints do not share their samples.
+
+        Args:
+            certain: whether the column surely names the joint, so that rows that contradict each other are refused.
+            polled: whether its rows are of joints that were read in turn, and of no state that holds.
+            path: for the message.
+        """
+        table, cells = self.table, self.cells
+        again = table.duplicated([SAMPLE, JOINT])
+        if (table[~again].groupby(SAMPLE).size() == len(self.joints)).mean() < WHOLE_SHARE:
+            return self._refuse(f"{path}: {self._apart()}", certain and polled)
+        differ = again & ~table.duplicated([SAMPLE, JOINT, *self.carried])
+        if differ.any() or again.mean() > MOST_REPEATED:
+            return self._refuse(f"{path}: {self._twice(differ if differ.any() else again, again.mean())}", certain)
+        cells.notes = [*cells.notes]
+        if again.any():
+            cells.notes.append(
+                f"{int(again.sum())} of {len(table)} rows say once more what one of their joint and time says: left out"
             )
-        notes.append(
-            f"{int(again.sum())} of {len(table)} rows say once more what one of their joint and time says: left out"
+        wide: Any = table[~again].pivot(index=SAMPLE, columns=JOINT, values=self.carried)
+        stamps = table[~again].groupby(SAMPLE)[self.clock]
+        parts = {f"{joint}.{column}": (joint, column) for column in self.carried for joint in self.joints}
+        cells.columns = {self.clock: stamps.mean().to_numpy()}
+        cells.columns |= {key: wide[column][joint].to_numpy(np.float64) for key, (joint, column) in parts.items()}
+        named = ", ".join(self.joints)
+        cells.notes.append(f"'{self.name}' names the joint of each row: {named}; each has columns of its own here")
+        if (apart := float((stamps.max() - stamps.min()).max())) > 0.0:
+            cells.notes.append(
+                f"rows of one sample are up to {apart:.3g} apart in {self.clock} and stand at their mean"
+            )
+        cells.left = {other: why for other, why in cells.left.items() if other != self.name}
+        return parts
+
+    def _refuse(self, why: str, certain: bool) -> dict[str, tuple[str, str]]:
+        if certain:
+            raise LogError(why)
+        return {}
+
+    def _twice(self, again: Any, share: float) -> str:
+        """What is said of rows of one joint and time."""
+        row = self.table[again].iloc[0]
+        of_pair = self.table[(self.table[SAMPLE] == row[SAMPLE]) & (self.table[JOINT] == row[JOINT])]
+        column = next((one for one in self.carried if of_pair[one].nunique(dropna=False) > 1), "")
+        what = f"which differ in {column}" if column else f"as {share:.0%} of all rows are repeats"
+        return (
+            f"'{self.name}' names the joint of each row, and {row[JOINT]} has two rows at {self.clock} = "
+            f"{row[self.clock]:.15g}, {what}; leave one row of each such pair out, or import a file for each joint."
         )
-        table = table[~again]
-    stamps = table.groupby(" ")[clock]
-    apart = float((stamps.max() - stamps.min()).max())
-    wide: Any = table.pivot(index=" ", columns="", values=carried)
-    parts = {f"{joint}.{column}": (joint, column) for column in carried for joint in joints}
-    cells.columns = {clock: (stamps.mean() if apart > 0.0 else stamps.first()).to_numpy()}
-    cells.columns |= {key: wide[column][joint].to_numpy(np.float64) for key, (joint, column) in parts.items()}
-    notes.append(f"'{name}' names the joint of each row: {', '.join(joints)}; each has columns of its own here")
-    if apart > 0.0:
-        notes.append(f"rows of one sample are up to {apart:.3g} apart in {clock} and stand at their mean")
-    cells.notes, cells.left = notes, {other: why for other, why in cells.left.items() if other != name}
-    return parts
 
-
-def _refuse(time: np.ndarray, clock: str, name: str, labels: np.ndarray, joints: list[str], path: Path) -> None:
-    """Say how far apart the joints are, of which there is a row each."""
-    first, away = time[labels == joints[0]], {}
-    for joint in joints[1:]:
-        own = time[labels == joint]
-        after = np.clip(np.searchsorted(own, first), 1, len(own) - 1)
-        nearest = np.minimum(np.abs(own[after] - first), np.abs(own[after - 1] - first))
-        away[joint] = float(np.quantile(nearest, WHOLE))
-    other = max(away, key=lambda joint: away[joint])
-    raise LogError(
-        f"{path}: '{name}' names the joint of each row, and {other} was read up to {away[other]:.3g} away from "
-        f"{joints[0]} in {clock}; a log has one time for all joints, so interpolate them to common times, or import a "
-        "file for each joint."
-    )
+    def _apart(self) -> str:
+        """What is said of joints that were read at different times."""
+        times = {joint: own.to_numpy() for joint, own in self.table.groupby(JOINT)[self.clock]}
+        first, away = pd.DataFrame({"time": times[self.joints[0]]}), {}
+        for joint in self.joints[1:]:
+            own = pd.DataFrame({"time": times[joint], "own": times[joint]})
+            near: Any = pd.merge_asof(first, own, on="time", direction="nearest")
+            away[joint] = float((near["own"] - near["time"]).abs().quantile(WHOLE_SHARE))
+        other = max(away, key=lambda joint: away[joint])
+        return (
+            f"'{self.name}' names the joint of each row, and {other} was read up to {away[other]:.3g} away from "
+            f"{self.joints[0]} in {self.clock}; a log has one time for all joints, so interpolate them to common "
+            "times, or import a file for each joint."
+        )
