@@ -121,19 +121,6 @@ def test_numbers_that_no_name_explains_are_asked_about(tmp_path: Path) -> None:
     assert "joint.position" in proposed(ticks)[2]
 
 
-def test_a_position_does_not_move_before_its_goal(tmp_path: Path) -> None:
-    m = motion()
-    swapped = table(tmp_path, {"time": m["time"], "goal": m["smooth"], "pos": m["goal"]})
-    assert "joint.goal" in proposed(swapped)[2]
-
-
-def test_qd_is_the_derivative_or_the_wanted_angle(tmp_path: Path) -> None:
-    m = motion()
-    texts = proposed(table(tmp_path, {"t": m["time"], "q": m["smooth"], "qd": m["velocity"], "qr": m["goal"]}))[0]
-    assert (texts["joint.velocity"], texts["joint.goal"]) == ("qd", "qr")
-    assert proposed(table(tmp_path, {"t": m["time"], "q": m["smooth"], "qd": m["goal"]}))[0]["joint.goal"] == "qd"
-
-
 def test_semicolons_decimal_commas_and_comments_are_read(tmp_path: Path) -> None:
     m = motion(5.0)
     path = table(

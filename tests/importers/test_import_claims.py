@@ -86,25 +86,6 @@ def test_a_wrong_dialect_gets_one_sentence(tmp_path: Path, text: str, sentence: 
 # --- asked, not guessed ----------------------------------------------------------------------------------------------
 
 
-def test_columns_that_say_nothing_are_named_in_the_question_and_no_motion_takes_them(tmp_path: Path) -> None:
-    found = proposed(tmp_path, {"time": TIME, "a": ANGLE, "b": LATE, "c": np.gradient(LATE, TIME)})
-    assert set(found.mapping.columns) == {"time"}
-    assert "Nobody says what these are: a, b, c" in asked(found)["joint.position"]
-
-
-def test_a_flag_of_the_servo_is_no_torque(tmp_path: Path) -> None:
-    moving = (np.abs(np.gradient(LATE, TIME)) > 0.5).astype(float)
-    found = proposed(tmp_path, {"time": TIME, **RAD, "moving": moving, "extra": np.gradient(LATE, TIME)})
-    assert set(found.mapping.columns) == {"time", "joint.position", "joint.goal"}
-    assert "moving: a flag of the servo" in found.text and "extra: 'nobody says what it is" in found.text
-
-
-def test_qd_alone_is_a_question_and_beside_a_goal_the_derivative(tmp_path: Path) -> None:
-    assert "wanted angle, or the derivative" in asked(proposed(tmp_path, {"q": LATE, "qd": ANGLE}))["joint.goal"]
-    beside = proposed(tmp_path, {"q": LATE, "q_ref": ANGLE, "qd": np.gradient(LATE, TIME)})
-    assert beside.mapping.columns["joint.velocity"] == "qd" and not asked(beside)
-
-
 def test_memory_that_nobody_wrote_and_stamps_that_repeat_are_left_out_by_name(tmp_path: Path) -> None:
     effort = np.where(np.arange(len(TIME)) % 2, 2.9e-321, 1.04e224)
     time = np.where(np.arange(len(TIME)) == 100, TIME[99], TIME)

@@ -34,31 +34,6 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
     return said
 
 
-def test_a_column_that_is_called_as_the_goal_without_its_word_is_the_position(tmp_path: Path) -> None:
-    slide = {"time_us": 1e6 * TIME, "x_cmd_mm": 30 * M["goal"], "x_mm": 30 * M["smooth"], "force_N": M["velocity"]}
-    columns, asked, _ = texts_of(table(tmp_path, slide))
-    assert columns["x.position"] == "x_mm*1e-3" and columns["x.goal"] == "x_cmd_mm*1e-3" and not asked
-    two = {"t": TIME, "elbow": M["smooth"], "elbow_cmd": M["goal"], "wrist": N["smooth"], "wrist_cmd": N["goal"]}
-    columns = texts_of(table(tmp_path, two, "two.csv"))[0]
-    assert columns["elbow.position"] == "elbow" and columns["wrist.goal"] == "wrist_cmd"
-
-
-def test_topics_of_one_joint_come_together(tmp_path: Path) -> None:
-    columns = {"__time": 1000.0 + TIME}
-    for joint, one in (("elbow", M), ("shoulder", N)):
-        columns |= {f"/joint_states/{joint}/position": one["smooth"], f"/joint_states/{joint}/velocity": 0.0 * TIME}
-        columns[f"/cmd/{joint}/data"] = one["goal"]
-    texts, asked, shown = texts_of(table(tmp_path, columns))
-    assert list(dict.fromkeys(name.rpartition(".")[0] for name in texts)) == ["", "elbow", "shoulder"]
-    assert texts["elbow.goal"] == "`/cmd/elbow/data`" and not asked
-    assert "/joint_states/elbow/velocity: a velocity that never changes is not measured" in shown
-    sides = {"t": TIME, "left_elbow_pos": M["smooth"], "right_elbow_pos": N["smooth"], "elbow_cmd": M["goal"]}
-    texts, _, shown = texts_of(table(tmp_path, sides, "sides.csv"))
-    assert "left_elbow.goal" not in texts and "elbow_cmd: goal of 'elbow', which has no position" in shown.replace(
-        "''", "'"
-    )
-
-
 def test_two_columns_of_one_name_are_two_joints_with_names(tmp_path: Path) -> None:
     path = names_changed(table(tmp_path, {"t": TIME, "a": M["goal"], "b": M["smooth"]}), "t,pos,pos")
     columns, asked, shown = texts_of(path)
@@ -259,13 +234,6 @@ def test_numbers_in_the_name_of_a_group_keep_their_digits(kp: float, group: str)
     assert filled({"group": "kp${kp}"}, recording) == {"group": group}
 
 
-def test_the_velocity_of_a_slide_in_centimetres_is_in_its_own_unit(tmp_path: Path) -> None:
-    """It was taken for that of a hinge: 'as rpm would be'."""
-    slide = {"t": TIME, "x_cmd_cm": 3 * M["goal"], "x_cm": 3 * M["smooth"], "x_vel [mm/s]": 30 * M["velocity"]}
-    columns, asked, _ = texts_of(table(tmp_path, slide))
-    assert columns["x.velocity"] == "`x_vel [mm/s]`*1e-3" and not asked
-
-
 def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     entries = [
         {"timestamp": t, "goal_position": g, "position": q}
@@ -274,50 +242,6 @@ def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pyt
     (tmp_path / "run.json").write_text(json.dumps({"mass": "heavy", "length": 0.1, "entries": entries}))
     assert main(["import", str(tmp_path / "run.json"), f"out={tmp_path / 'log'}", "yes=true"]) == 2
     assert "mass is 'heavy', no number [kg]; correct it in the file." in one_line(capsys)
-
-
-@pytest.mark.parametrize(
-    ("goal", "position", "velocity", "unit"),
-    [
-        ("Goal Position [deg]", "Present Position [deg]", "Present Velocity [rev/min]", "deg"),
-        ("input_pos", "pos_estimate", "vel_estimate", "turn"),
-        ("control_position (rev)", "position (rev)", "velocity (rev/s)", "turn"),
-        ("Consigne (deg)", "Mesure (deg)", "Vitesse (tr/min)", "deg"),
-        ("Referencia (grados)", "Posición (grados)", "Velocidad (rpm)", "deg"),
-        ("Soll [°]", "Ist [°]", "Drehzahl [U/min]", "deg"),
-        (
-            "/arm_controller/controller_state/reference/positions[0]",
-            "/arm_controller/controller_state/feedback/positions[0]",
-            "/arm_controller/controller_state/feedback/velocities[0]",
-            "rad",
-        ),
-    ],
-)
-def test_names_of_common_tools_are_known(tmp_path: Path, goal: str, position: str, velocity: str, unit: str) -> None:
-    per = {"deg": 180 / np.pi, "turn": 0.5 / np.pi, "rad": 1.0}[unit]
-    rate = 30 / np.pi if unit == "deg" else per
-    columns = {"t": TIME, goal: per * M["goal"], position: per * M["smooth"], velocity: rate * M["velocity"]}
-    texts, asked, shown = texts_of(table(tmp_path, columns | {"q_current (A)": M["velocity"]}))
-    assert not asked, shown
-    signals = sorted(name.rpartition(".")[2] for name in texts)
-    assert signals == ["current", "goal", "position", "time", "velocity"]
-    (joint,) = {name.rpartition(".")[0] for name in texts if name != "time"}
-    assert goal in texts[f"{joint}.goal"] and position in texts[f"{joint}.position"]
-
-
-def test_joint_states_and_the_state_of_their_controller_are_one_joint(tmp_path: Path) -> None:
-    state = "/arm_controller/state"
-    columns = {
-        "__time": TIME, "/joint_states/elbow/position": M["smooth"], "/joint_states/wrist/position": N["smooth"],
-        f"{state}/desired/positions/elbow": M["goal"], f"{state}/actual/positions/elbow": M["smooth"],
-        "/wrist_cmd/data": N["goal"],
-    }  # fmt: skip
-    texts, asked, _ = texts_of(table(tmp_path, columns))
-    assert texts["elbow.goal"] == f"`{state}/desired/positions/elbow`" and texts["wrist.goal"] == "`/wrist_cmd/data`"
-    assert len(texts) == 5 and not asked
-    one = {"t": TIME, "/joint_states/position[0]": M["smooth"], "/position_controller/commands/data[0]": M["goal"]}
-    texts = texts_of(table(tmp_path, one, "one.csv"))[0]
-    assert next(text for name, text in texts.items() if name.endswith("goal")) == f"`{list(one)[2]}`"
 
 
 def test_registers_are_asked_about_and_fahrenheit_is_converted(tmp_path: Path) -> None:
@@ -346,11 +270,3 @@ def test_cells_with_their_unit_and_sample_periods_are_read(tmp_path: Path) -> No
     path = table(tmp_path, {"dt_ms": 10.0 + 0 * TIME, **DEG}, "dt.csv")
     texts, asked, _ = texts_of(path)
     assert texts["time"] == "cumsum(dt_ms)*1e-3" and not asked
-
-
-def test_a_letter_of_physics_beside_its_unit_is_of_no_joint(tmp_path: Path) -> None:
-    """A current ``elbow_I_mA`` was of a joint 'elbow I', and left out."""
-    columns = {"t": TIME, "elbow_goal_rad": M["goal"], "elbow_pos_rad": M["smooth"], "elbow_I_mA": 300 * M["velocity"]}
-    texts, asked, shown = texts_of(table(tmp_path, columns))
-    assert not asked, shown
-    assert "elbow_I_mA" in texts["elbow.current"]

@@ -9,7 +9,7 @@ import pytest
 from sealegs.gap.log import LogError
 from sealegs.gap.log.importers import read_recordings
 
-from tests.importers.importing import ANGLE, DEG, LATE, RAD, TIME, table
+from tests.importers.importing import ANGLE, LATE, RAD, TIME, table
 from tests.importers.test_import_tables import texts_of, written
 
 SPEED = np.gradient(LATE, TIME)  # [rad/s]
@@ -68,53 +68,6 @@ def test_a_table_with_many_repeats_is_refused(tmp_path: Path) -> None:
         read_recordings(twice)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("present_volts", 121.0), ("CurVolt", 74.0), ("CurVolt", 51.0), ("battery_volt", 12100.0)]
-)
-def test_a_voltage_that_only_its_own_word_puts_in_volts_is_asked_about(tmp_path: Path, name: str, value: float) -> None:
-    columns, asked, text = texts_of(table(tmp_path, {"time": TIME, **RAD, name: value + 0.0 * TIME}))
-    assert columns["joint.voltage"] == name and asked == ["joint.voltage"]
-    assert f"in which unit is this voltage? Its name says V, but {value:g} may be tenths or thousandths of it" in text
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("present_volts", 12.1), ("input_volts", 12.0), ("supply_V", 325.0), ("voltage [volts]", 325.0)]
-)
-def test_a_voltage_that_is_plausible_or_has_its_unit_as_such_is_none_to_ask_about(
-    tmp_path: Path, name: str, value: float
-) -> None:
-    columns, asked, _ = texts_of(table(tmp_path, {"time": TIME, **RAD, name: value + 0.0 * TIME}))
-    assert columns["joint.voltage"].strip("`") == name and not asked
-
-
-def test_a_current_that_only_its_own_word_puts_in_amperes_is_asked_about(tmp_path: Path) -> None:
-    current = np.round(700.0 * SPEED)
-    columns, asked, _ = texts_of(table(tmp_path, {"time": TIME, **RAD, "motor_amps": current}))
-    assert columns["joint.current"] == "motor_amps" and asked == ["joint.current"]
-
-
-@pytest.mark.parametrize("name", ["erpm", "speed_erpm", "motor_erpm"])
-def test_electrical_rpm_ask_for_pole_pairs_and_gear(tmp_path: Path, name: str) -> None:
-    electrical = 126.0 * SPEED * 60.0 / (2.0 * np.pi)
-    columns, asked, text = texts_of(table(tmp_path, {"time": TIME, **RAD, name: electrical}))
-    assert columns["joint.velocity"] == f"{name}*2*pi/60"
-    assert asked == ["joint.velocity"]
-    assert "how many pole pairs times gear ratio make these electrical rpm those of the joint? Divide" in text
-
-
-@pytest.mark.parametrize(("factor", "sure"), [(1.0, True), (1.03, True), (1.2, False), (1203.0, False)])
-def test_a_velocity_is_in_a_unit_that_it_fits_well_or_asked_about(tmp_path: Path, factor: float, sure: bool) -> None:
-    _, asked, text = texts_of(table(tmp_path, {"time": TIME, **RAD, "velocity": factor * SPEED}))
-    assert bool(asked) is not sure and "mrad" not in text
-    assert sure or f"{factor:.3g} times" in text
-
-
-def test_the_velocity_beside_an_angle_in_mrad_may_be_in_mrad(tmp_path: Path) -> None:
-    milli = {"goal_mrad": 1e3 * ANGLE, "pos_mrad": 1e3 * LATE, "velocity": 1e3 * SPEED}
-    columns, asked, _ = texts_of(table(tmp_path, {"time": TIME, **milli}))
-    assert columns["joint.velocity"] == "velocity*1e-3" and not asked
-
-
 def counts(turn: float, velocity: np.ndarray, zero: float = 0.0) -> dict[str, np.ndarray]:
     """The columns of a drive that counts, with so many a turn and a count at 0 rad."""
     scale = turn / (2.0 * np.pi)
@@ -124,15 +77,3 @@ def counts(turn: float, velocity: np.ndarray, zero: float = 0.0) -> dict[str, np
         "Position Actual Value [inc]": np.round(LATE * scale + zero),
         "Velocity Actual Value [rpm]": np.round(velocity * 60.0 / (2.0 * np.pi), 1),
     }
-
-
-@pytest.mark.parametrize("zero", [0.0, 8192.0])
-def test_counts_whose_turn_and_zero_nobody_says_are_asked_about(tmp_path: Path, zero: float) -> None:
-    columns, asked, text = texts_of(table(tmp_path, counts(16384.0, SPEED, zero)))
-    assert asked == ["joint.position", "joint.goal"] and "how many counts are a turn, and which one is 0 rad?" in text
-    assert columns["joint.velocity"] == "`Velocity Actual Value [rpm]`*2*pi/60", "the velocity is not doubted"
-
-
-def test_degrees_a_second_that_are_said_stay_as_they_are(tmp_path: Path) -> None:
-    columns, asked, _ = texts_of(table(tmp_path, {"time": TIME, **RAD, "vel_deg_s": 1.2 * DEG * SPEED}))
-    assert columns["joint.velocity"] == "vel_deg_s*pi/180" and not asked

@@ -9,7 +9,6 @@ import pytest
 from scipy.io import savemat
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
-from sealegs.gap.log.importers.names import said
 
 from tests.importers.test_import import motion, table
 
@@ -119,27 +118,6 @@ def test_a_variable_that_is_called_as_a_label_keeps_its_values(tmp_path: Path) -
     (recording,) = read_recordings(tmp_path / "log.mat")
     np.testing.assert_allclose(recording.columns["u"], MOTIONS[1]["goal"])
     np.testing.assert_allclose(recording.columns["simout_signals1"], MOTIONS[0]["goal"])
-
-
-@pytest.mark.parametrize(
-    ("column", "signal", "joint"),
-    [
-        ("q_d", "goal", ""),
-        ("q_d[0]", "goal", "joint0"),
-        ("q_d0", "goal", "joint0"),
-        ("q_1_d", "goal", "joint1"),
-        ("elbow_theta_d", "goal", "elbow"),
-        ("dq_d[3]", "goal_velocity", "joint3"),
-        ("tau_J_d[2]", "torque_command", "joint2"),
-        ("tau_d", "torque_command", ""),
-        ("tau_J[1]", "torque", "joint1"),
-        ("pos_d", "position", "d"),
-        ("cmd_d", "goal", "d"),
-        ("q_d_meas", "position", "d"),
-    ],
-)
-def test_a_d_behind_a_sign_is_the_wanted_one_and_elsewhere_a_joint(column: str, signal: str, joint: str) -> None:
-    assert (said(column).signal, said(column).joint) == (signal, joint)
 
 
 def test_states_of_libfranka_have_their_joints_goals_and_torques(tmp_path: Path) -> None:

@@ -217,6 +217,14 @@ def test_single_cells_that_are_no_numbers_are_told(tmp_path: Path) -> None:
     assert "1 cell of pos_deg is no number and read as no value, the first 'ERR'" in texts_of(path)[2]
 
 
+@pytest.mark.parametrize("words", [("True", "False"), ("true", "false"), ("TRUE", "FALSE")])
+def test_words_for_truth_are_one_and_zero(tmp_path: Path, words: tuple[str, str]) -> None:
+    flags = [words[k % 2] for k in range(len(TIME))]
+    text = rows(cells(TIME), cells(GOAL), cells(POSITION), flags)
+    path = written(tmp_path, "t,goal_deg,pos_deg,torque_enable\n" + text)
+    np.testing.assert_array_equal(read(path).columns["torque_enable"], (np.arange(len(TIME)) + 1) % 2)
+
+
 def test_decimals_and_structures_of_parquet_are_numbers(tmp_path: Path) -> None:
     goal = pa.array([Decimal(cell) for cell in cells(GOAL)])
     arm = pa.StructArray.from_arrays([goal, pa.array(POSITION)], ["goal_deg", "pos_deg"])

@@ -130,7 +130,8 @@ def _take_lists(name: str, rows: list[Any], out: Cells) -> None:
 
 def _take_text(name: str, cells: Any, out: Cells) -> None:
     """A column of text: numbers and times that are written in an unusual way, or the reason why it is left out."""
-    there = ~cells.str.lower().isin(MISSING)
+    low = cells.str.lower()
+    there, cells = ~low.isin(MISSING), cells.mask(low == "true", "1").mask(low == "false", "0")
     known, plain = cells[there], pd.to_numeric(cells, errors="coerce")
     if not len(known) or cells.str.len().max() > LONGEST_CELL:
         out.left[name] = "it holds long words, no numbers" if len(known) else "it is empty"
