@@ -101,7 +101,7 @@ def _take(name: str, cells: Any, out: Cells) -> None:
         out.left[name] = f"it holds {type(first).__name__} values, no numbers"
 
 
-def _numbers(cells: pd.Series) -> Array:
+def _numbers(cells: Any) -> Array:
     """Numbers as float64; whole ones beyond its digits are counted from the first that is known."""
     known = cells.dropna()
     if cells.dtype.kind in "iuO" and any(
@@ -132,7 +132,8 @@ def _take_text(name: str, cells: Any, out: Cells) -> None:
     """A column of text: numbers and times that are written in an unusual way, or the reason why it is left out."""
     low = cells.str.lower()
     there, cells = ~low.isin(MISSING), cells.mask(low == "true", "1").mask(low == "false", "0")
-    known, plain = cells[there], pd.to_numeric(cells, errors="coerce")
+    known: Any = cells[there]
+    plain: Any = pd.to_numeric(cells, errors="coerce")
     if not len(known) or cells.str.len().max() > LONGEST_CELL:
         out.left[name] = "it holds long words, no numbers" if len(known) else "it is empty"
         return
