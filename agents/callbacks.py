@@ -93,6 +93,7 @@ class Evaluation(EvalCallback):
         super().__init__(env, NewBest(save_best), None, episodes, calls, log_path=folder, verbose=0)
         self.best_mean_reward = best
         self._updates, self._seed = _UNKNOWN, seed
+        self._ended: list[dict[str, float]] = []  # episodes of the latest evaluation
 
     def _on_step(self) -> bool:
         # an update follows the last step of a learning, so its policy is evaluated by :meth:`evaluate` thereafter
@@ -100,7 +101,7 @@ class Evaluation(EvalCallback):
 
     def _evaluate_if_due(self) -> bool:
         if self.eval_freq > 0 and self.n_calls % self.eval_freq == 0:
-            self._updates = self.model._n_updates
+            self._updates, self._ended = self.model._n_updates, []
             self.eval_env.seed(self._seed)
         return super()._on_step()
 
@@ -139,6 +140,17 @@ class Evaluation(EvalCallback):
             self.eval_freq = frequency
         return self.last_mean_reward
 
+    def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+        """Asked in every step of an evaluation: note what an episode tells at its end."""
+        super()._log_success_callback(locals_, globals_)
+        if locals_["done"]:
+            self._ended.append(locals_["info"].get("episode", {}))
+
+    def servo_use(self) -> dict[str, float]:
+        """How hard the servos were driven in the latest evaluation: means by measure."""
+        names = [name for name in (self._ended[-1] if self._ended else {}) if name.startswith("servo_")]
+        return {name.removeprefix("servo_"): float(np.mean([row[name] for row in self._ended])) for name in names}
+
     def rewards(self) -> np.ndarray:
         """Of the episodes of the latest evaluation (n,)."""
         return np.asarray(self.evaluations_results[-1], float)
@@ -146,8 +158,12 @@ class Evaluation(EvalCallback):
     def of_no_action(self) -> np.ndarray:
         """Rewards of the same episodes (n,) with actions of 0: of the reference that actions correct or modulate."""
         self.eval_env.seed(self._seed)
-        still = NoAction(self.eval_env)
-        return np.asarray(evaluate_policy(still, self.eval_env, self.n_eval_episodes, return_episode_rewards=True)[0])
+        self._ended = []
+        rewards, _ = evaluate_policy(
+            NoAction(self.eval_env),  # pyright: ignore[reportArgumentType] it predicts, which is all that is asked
+            self.eval_env, self.n_eval_episodes, return_episode_rewards=True, callback=self._log_success_callback,
+        )  # fmt: skip
+        return np.asarray(rewards)
 
 
 class NoAction:
@@ -177,9 +193,10 @@ class EpisodeTerms(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         episodes = self.model.ep_info_buffer or ()
-        for name in (key for key in (episodes[-1] if episodes else ()) if key.startswith("reward_")):
-            mean = np.mean([episode[name] for episode in episodes])
-            self.logger.record(f"reward/{name.removeprefix('reward_')}", float(mean))
+        for name in episodes[-1] if episodes else ():
+            kind, _, rest = name.partition("_")
+            if kind in ("reward", "servo") and rest:
+                self.logger.record(f"{kind}/{rest}", float(np.mean([episode[name] for episode in episodes])))
         for name, values in self._flags.items():
             self.logger.record(f"actuator/{name}", float(np.mean(values)))
 

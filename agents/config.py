@@ -113,7 +113,7 @@ def read_config(arguments: Sequence[str]) -> Request:
     if pairs.get("robot", "null") not in ("", "null"):  # a robot of one's own has the tasks that any robot has
         pairs = {"env": "track", **pairs}
     of_agent = {key: pairs.pop(key) for key in list(pairs) if key.startswith("agent.") and "hyperparams" in pairs}
-    plain = _with_zoo(compose("train", pairs, _extra_keys, {"env": _own_task}), pairs, of_agent)
+    plain = _with_zoo(compose("train", pairs, extra_keys, {"env": _own_task}), pairs, of_agent)
     robot = checked("robot", plain.pop("robot"), str | None)
     if robot is not None:
         plain["env"] = {**plain["env"], "robot": robot}
@@ -145,7 +145,7 @@ def _with_zoo(plain: dict[str, Any], given: Mapping[str, str], of_agent: Mapping
     plain["agent"] = {"algorithm": plain["agent"]["algorithm"], "policy": plain["agent"]["policy"], **agent}
     if "${" in json.dumps(plain["agent"], default=str):
         raise SealegsError(f"hyperparams={word} holds '${{', which stands for nothing here: write the value.")
-    return override(plain, of_agent, _extra_keys)
+    return override(plain, of_agent, extra_keys)
 
 
 def _seeds(count: Any, seed: Any) -> tuple[tuple[int, ...], Any]:
@@ -243,7 +243,8 @@ def _typed(kind: Any, plain: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     return values
 
 
-def _extra_keys(base: Mapping[str, Any]) -> list[str]:
+def extra_keys(base: Mapping[str, Any]) -> list[str]:
+    """Dotted keys of the config ``base`` beside those that its files list: arguments of its environment and algorithm."""
     from .algorithms import agent_keys
     from .make_env import env_keys
 

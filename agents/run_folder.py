@@ -5,6 +5,7 @@ actuators.yaml   copies of the chains, so that later changes of their files do n
 sources.json     digests of the files of robot and task, which a resumed run compares
 run.json         git revision, versions, and each session with its command line
 tensorboard/     event files
+servo.md         how hard the final policy drives the servos
 evaluations.npz  as EvalCallback writes them
 checkpoints/     <steps>/: policy, learner with normaliser, replay buffer (safetensors), state
 best/, final/    policy.safetensors, policy.json, policy.onnx; model.zip, vecnormalize.pkl for users of SB3 alone

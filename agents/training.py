@@ -26,6 +26,7 @@ from ..common.errors import SealegsError
 from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
 from ..envs.engine.sb3 import BatchVecEnv
+from ..envs.engine.servo_use import UNITS
 from ..envs.engine.task import ModulatedTask
 from .algorithms import build, schedule_start, wrapped
 from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
@@ -47,6 +48,8 @@ from .wandb_output import WandbOutput
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2
 _VIDEO = "video.mp4"
+HARD = {"goal_rate": 0.01, "saturation": 0.25, "heat": 0.25}
+"""Means over an episode beyond which a servo does not follow, or soon protects itself; assumed."""
 
 
 def train(request: Request) -> Path:
@@ -226,17 +229,34 @@ class Session:
         """The work after the last step; a resumed run makes up for parts that are missing."""
         self.evaluation.evaluate(self.model)
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
-        rewards = self.evaluation.rewards()
+        rewards, use = self.evaluation.rewards(), {"policy": self.evaluation.servo_use()}
         reference = self.evaluation.of_no_action() if self._corrects() else None
         figures = {"mean_reward": float(rewards.mean())}
         if reference is not None:
             figures["reference_reward"] = float(reference.mean())
+            use["reference alone"] = self.evaluation.servo_use()
         with self.run.writing("final") as folder:
             self._save(folder, self.description | figures)
         print(f"Mean evaluation reward {told(rewards)}.", flush=True)
         if reference is not None:
             print(beside_reference(rewards, reference), flush=True)
+        self._tell_use(use)
         self._film()
+
+    def _tell_use(self, use: dict[str, dict[str, float]]) -> None:
+        """Write ``servo.md``: how hard the servos are driven, and the term of what they do not survive."""
+        if not use["policy"]:  # its evaluation was made in an earlier session
+            return
+        rows = [f"| | {' | '.join(use)} | weight of its term |", "|---" * (len(use) + 2) + "|"]
+        weights = self.config.env.get("servo") or {}
+        for name, told in UNITS.items():
+            cells = (f"{column.get(name, math.nan):.3g}" for column in use.values())
+            rows.append(f"| {told} | {' | '.join(cells)} | env.servo.{name}: {weights.get(name, 0):g} |")
+        self.run.write_text("servo.md", "\n".join(["# How hard the servos are driven", "", *rows, ""]))
+        hard = [name for name, most in HARD.items() if use["policy"].get(name, 0.0) > most]
+        if hard:
+            figures = ", ".join(f"{use['policy'][name]:.2g} of {UNITS[name]}" for name in hard)
+            print(f"The policy is hard on servos ({figures}): raise env.servo={{{hard[0]}: ...}}, see servo.md.")
 
     def _corrects(self) -> bool:
         """Whether actions of 0 are a reference, and not the middle of the joints' ranges."""

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from sealegs.agents.config import extra_keys
 from sealegs.commands import cli, new_robot
 from sealegs.configs.compose import compose, split
 from sealegs.hw.machine.own_robot import READERS
@@ -159,7 +160,8 @@ def check_command(words: list[str]) -> None:
                 return
             if not cli.COMMANDS[word][1]:  # its arguments are files
                 return
-            compose(cli.COMMANDS[word][1], split(arguments, plain=()), readers=ANY_FILE)
+            extra = extra_keys if word == "train" else None
+            compose(cli.COMMANDS[word][1], split(arguments, plain=()), extra, readers=ANY_FILE)
         case _:
             raise AssertionError(f"'{' '.join(words)}' is of no kind that is checked")
 

@@ -70,6 +70,7 @@ class TrackEnv(SingleEnv, task=TrackTask):
     | `params`          | dict              | `None`       | numbers of the robot other than its own, such as `forearm_mass` |
     | `control_rate`    | float             | `50.0`       | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`        | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`           | mapping or `None` | `None`       | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `amplitude`       | float             | `0.8`        | see Starting State |
     | `frequency`       | float or pair     | `(0.2, 0.8)` | of the sines, or from which to which [Hz] |
     | `preview`         | float             | `0.06`       | how far ahead the later target is [s] |
@@ -144,6 +145,7 @@ class ReachEnv(SingleEnv, task=ReachTask):
     | `params`          | dict              | `None`     | numbers of the robot other than its own, such as `forearm_mass` |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`           | mapping or `None` | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `reach`           | float             | `0.8`      | see Starting State |
     | `tolerance`       | float             | `0.05`     | see Rewards: scale of an error, as a share of half the range |
     | `tracking_weight` | float             | `1.0`      | see Rewards |
@@ -240,6 +242,7 @@ class WalkEnv(SingleEnv, task=WalkTask):
     | `params`           | dict              | `None`        | numbers of the robot other than its own, such as `trunk_mass` |
     | `control_rate`     | float             | `50.0`        | actions per second [Hz] |
     | `action_delay`     | float             | `0.0`         | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`            | mapping or `None` | `None`        | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `forward`          | float or pair     | `(-0.2, 0.3)` | commanded speed, or from which to which [m/s] |
     | `sideways`         | float or pair     | `(-0.1, 0.1)` | the same to the left [m/s] |
     | `turn`             | float or pair     | `(-0.6, 0.6)` | the same about the vertical [rad/s] |

@@ -75,6 +75,7 @@ class ArmEnv(SingleEnv, task=ArmTask):
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/arm/parameters.py` |
     | `control_rate`    | float               | `100.0`    | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`           | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `seconds`         | float or (low, high) | `5.0`     | duration of the line, or the range it is drawn from [s] |
     | `correction`      | float               | `1.0`      | how far actions correct the goals; 0: actions are goals |
     | `lead`            | float               | `0.06`     | time by which goals run ahead of the line [s] |

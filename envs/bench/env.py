@@ -59,6 +59,7 @@ class BenchEnv(SingleEnv, task=BenchTask):
     | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m], and the others of `envs/bench/robot.py` |
     | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`           | mapping or `None` | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `target_range`    | float             | `1.2`      | see Starting State [rad] |
     | `tracking_weight` | float             | `1.0`      | see Rewards |
     | `energy_weight`   | float             | `0.02`     | see Rewards [1/W] |

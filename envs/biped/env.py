@@ -119,6 +119,7 @@ class BipedEnv(SingleEnv, task=BipedTask):
     | `params`          | dict                | `None`     | numbers of the robot, see `envs/biped/parameters.py` |
     | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`           | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `speed`           | float or (low, high) | `0.6`     | commanded speed, or the range it is drawn from [m/s] |
     | `hopping`         | float               | `0.0`      | 0: walk; 1: hop with both legs |
     | `cadence`         | float               | `1.0`      | turns of the clock per second: two steps, or one hop [Hz] |

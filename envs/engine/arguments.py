@@ -20,6 +20,7 @@ ENGINE: dict[str, tuple[Any, Any]] = {
     "params": (Mapping[str, float] | None, None),
     "control_rate": (float, None),  # the task's own
     "action_delay": (float, 0.0),
+    "servo": (Mapping[str, float] | None, None),
 }
 """Arguments of the engine that an environment takes: type and default."""
 

@@ -27,6 +27,7 @@ from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
 from .randomization import Randomization, Source
 from .robot import ChainSource
+from .servo_use import ServoUse
 from .sides import Sides
 from .task import ModulatedTask, Motion, Task
 from .task_shapes import check_observation, check_step
@@ -47,6 +48,7 @@ class Step:
         truncated: (n,), it reached its time limit.
         terms: of the reward by name, (n,) each.
         flags: what an engineer wants to know, (n,) each: ``net_out_of_range``, ``unstable``.
+        servo: how hard the servos were driven, by :data:`~sealegs.envs.engine.servo_use.MEASURES`, (n,) each.
         done: numbers of the simulations whose episode ended.
         final_observation: (len(done), size), the last of those episodes.
     """
@@ -57,6 +59,7 @@ class Step:
     truncated: np.ndarray
     terms: dict[str, np.ndarray]
     flags: dict[str, np.ndarray]
+    servo: dict[str, np.ndarray]
     done: np.ndarray
     final_observation: np.ndarray
 
@@ -90,6 +93,7 @@ class BatchEngine:
         params: Mapping[str, float] | None = None,
         control_rate: float = 50.0,
         action_delay: float = 0.0,
+        servo: Mapping[str, float] | None = None,
         max_episode_steps: int | None = None,
         autoreset: bool = True,
         threads: int = 0,
@@ -106,6 +110,7 @@ class BatchEngine:
                 times.
             action_delay: from an observation to the goal that follows from it [s], a whole number of physics steps
                 and less than the distance of two goals; the goal before holds meanwhile.
+            servo: weights of terms of the reward that spare the servos, see :mod:`sealegs.envs.engine.servo_use`.
             max_episode_steps: control steps until truncation; None: never.
             autoreset: start a new episode in the step that ends one.
             threads: of the engine; 0: one per core.
@@ -174,6 +179,7 @@ class BatchEngine:
         self.watch: Callable[[], None] = _nobody  # called at each new goal, for films
         self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
         self.steps = np.zeros(num_envs, dtype=np.int64)
+        self._use = ServoUse({name: self.chains[name] for name in names}, num_envs, self.dt, servo)
         self._breaks = BreaksAtOnce(task.robot.name, num_envs)
         self.drawn = {f"{draw.group}.{draw.name}": np.zeros(num_envs) for draw in self.randomization.draws}
         self.disturbances = Disturbances(num_envs, self._base, self.drawn)
@@ -265,6 +271,7 @@ class BatchEngine:
             zero, per_action = self._scale()
             self._action[chosen] = np.clip((goals - zero[chosen]) / per_action, -1.0, 1.0)
         self._asked[chosen] = goals
+        self._use.start(chosen, goals)
         if self._queue is not None:
             self._queue.start(chosen, goals)
         self._link_before[chosen] = self._link(self._qpos[chosen])
@@ -299,6 +306,8 @@ class BatchEngine:
         if not self._sound:
             check_step(self.task, terms, failed, self.num_envs)
             self._sound = True
+        use = self._use.step(self._ctrl, motion.torque, motion.duty)
+        terms |= self._use.terms(use)
         reward = np.zeros(self.num_envs)
         for term in terms.values():
             reward += term
@@ -324,6 +333,7 @@ class BatchEngine:
             truncated=truncated,
             terms=terms,
             flags=flags,
+            servo=use,
             done=done,
             final_observation=final,
         )

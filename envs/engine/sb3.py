@@ -30,8 +30,9 @@ class BatchVecEnv(VecEnv):
         keywords: arguments of the environment that were given.
 
     ``infos[i]`` is empty but in the step that ends an episode, where it holds ``terminal_observation``,
-    ``TimeLimit.truncated``, the last step's flags, and ``episode``: ``r``, ``l``, ``t`` as ``Monitor`` writes them, and
-    the sum of each term of the reward. So no ``VecMonitor`` is needed.
+    ``TimeLimit.truncated``, the last step's flags, and ``episode``: ``r``, ``l``, ``t`` as ``Monitor`` writes them, the
+    sum of each term of the reward, and the mean of each measure of :mod:`~sealegs.envs.engine.servo_use`. So no
+    ``VecMonitor`` is needed.
     """
 
     def __init__(self, env_id: str, num_envs: int, seed: int | None = None, **env_kwargs: Any) -> None:
@@ -80,7 +81,7 @@ class BatchVecEnv(VecEnv):
         result = self.engine.step(self._actions)
         self._returns += result.reward
         self._lengths += 1
-        for name, term in result.terms.items():
+        for name, term in {**result.terms, **{f"servo_{key}": value for key, value in result.servo.items()}}.items():
             if name in self._sums:
                 self._sums[name] += term
             else:
@@ -95,7 +96,7 @@ class BatchVecEnv(VecEnv):
             infos[number] = {
                 "terminal_observation": result.final_observation[row],
                 "TimeLimit.truncated": bool(result.truncated[number] and not result.terminated[number]),
-                "episode": episode | {name: float(total[number]) for name, total in self._sums.items()},
+                "episode": episode | self._summed(number),
                 **{name: flag[number].item() for name, flag in result.flags.items()},
             }
         if len(result.done):
@@ -104,6 +105,12 @@ class BatchVecEnv(VecEnv):
                 total[result.done] = 0.0
         dones = result.terminated | result.truncated
         return result.observation, result.reward.astype(np.float32), dones, infos
+
+    def _summed(self, number: int) -> dict[str, float]:
+        """Sums of the reward's terms over an episode, and means of how hard it drove the servos."""
+        length = self._lengths[number]
+        sums = {name: float(total[number]) for name, total in self._sums.items()}
+        return {name: value / length if name.startswith("servo_") else value for name, value in sums.items()}
 
     def close(self) -> None:
         """Close the renderer."""

@@ -87,6 +87,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
     | `control_rate`      | float               | `1.0`      | actions per second [Hz] |
     | `action_delay`      | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`             | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `speed`             | float or (low, high) | `0.03`    | commanded speed, or the range it is drawn from [m/s] |
     | `forward_weight`    | float               | `1.0`      | see Rewards |
     | `alive_weight`      | float               | `0.1`      | see Rewards |

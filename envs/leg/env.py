@@ -71,6 +71,7 @@ class LegEnv(SingleEnv, task=LegTask):
     | `params`          | dict                | `None`         | numbers of the robot, see `envs/leg/parameters.py` |
     | `control_rate`    | float               | `100.0`        | actions per second [Hz] |
     | `action_delay`    | float               | `0.0`          | from an observation to its goal [s]; a whole number of physics steps |
+    | `servo`           | mapping or `None`   | `None`         | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
     | `speed`           | float or (low, high) | `(0.05, 0.15)` | mean speed of the foot, or the range it is drawn from [m/s]; its peak is twice that |
     | `preview`         | float               | `0.0`          | time by which goals run ahead of the path [s] |
     | `correction`      | float               | `0.004`        | see Action Space [rad] |

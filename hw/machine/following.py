@@ -10,11 +10,13 @@ which the motor breaks away, and no further. A blind servo turns from there on, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...actuators import Chain
+from ...actuators.ability import largest_duty, no_load_speed, stall_torque
 
 GOAL_SPEED = 4.0  # times the no-load speed: a goal that moves so fast calls for full duty within a cycle or two
 REACHED = 0.5  # share of the no-load speed at which a goal counts as reachable
@@ -25,7 +27,6 @@ UNKNOWN_REST = 0.05  # share of the error of full duty that friction holds, wher
 LEAST = 0.1  # [rad] that any joint may be behind: stiff controllers reach full duty within their own lag
 LEAST_REST = 0.015  # [rad] that any goal may move without a step: ten steps of an encoder with 4096
 SHAKING = 0.1  # [s] time constant over which a goal is smoothed: what is faster moves no joint by a step; assumed
-BOUNDLESS = 1e3  # torque limits from here on are none [N.m]
 
 
 @dataclass(frozen=True)
@@ -49,24 +50,15 @@ class Ability:
 
 def ability(chain: Chain, per_radian: float = 1.0) -> Ability:
     """What a chain can do, as far as it tells, in units of the joint, which moves ``per_radian`` of the shaft."""
-    duty = chain.value("duty_limit.limit") if chain.find("duty_limit") is not None else 1.0
-    error, speed = UNKNOWN_ERROR * per_radian, UNKNOWN_SPEED * per_radian
-    stall = 0.0  # torque at full duty [N.m or N]
+    duty, error, speed = largest_duty(chain), UNKNOWN_ERROR * per_radian, no_load_speed(chain)
+    stall = stall_torque(chain)  # [N.m or N]
     for stage in ("position_p", "position_pd", "position_pi"):
         if chain.find(stage) is not None and (gain := chain.value(f"{stage}.gain")) > 0.0:
             error = duty / gain
-    if chain.find("ideal") is not None and chain.value("ideal.torque_limit") < BOUNDLESS:
-        stall = chain.value("ideal.torque_limit")
+    if chain.find("ideal") is not None and math.isfinite(stall):
         error = stall / max(chain.value("ideal.stiffness"), 1e-6)
-    if chain.find("supply") is not None and chain.find("dc_motor") is not None:
-        back_emf = chain.find("dc_motor").back_emf * chain.gear_ratio()
-        speed = duty * chain.value("supply.volts") / max(back_emf, 1e-6)
-        current = duty * chain.value("supply.volts") / chain.value("dc_motor.resistance")
-        stall = current * chain.value("dc_motor.motor_constant") * chain.gear_ratio()
-    elif chain.find("regression") is not None and chain.value("regression.speed_torque") < 0.0:
-        speed = -duty * chain.value("regression.duty_torque") / chain.value("regression.speed_torque")
-        speed = abs(speed) / chain.gear_ratio()
-        stall = abs(duty * chain.value("regression.duty_torque")) * chain.gear_ratio()
+    speed = speed if math.isfinite(speed) else UNKNOWN_SPEED * per_radian
+    stall = stall if math.isfinite(stall) else 0.0
     rest, loaded = _held(chain, error, stall)
     return Ability(max(error, LEAST * per_radian), speed, error, rest + LEAST_REST * per_radian, loaded)
 

@@ -9,6 +9,8 @@ from ..bus.clock import Timing
 from ..bus.packets import BusError
 from ..guard.safety import Fault
 
+TERMS = {"speed": "raise env.servo.goal_rate, env.smooth_weight", "range": "raise env.smooth_weight"}
+"""Weights of the reward with which a policy is trained that avoids such goals, by reason."""
 OFTEN = 0.01  # share of the cycles from which goals that are cut are no accident
 
 
@@ -51,8 +53,8 @@ class Outcome:
         if share < OFTEN:
             return f"{told}."
         return (
-            f"{told}. The servos cannot follow what is asked: train a policy with smoother actions (env.smooth_weight, "
-            "or a smaller env.correction), slow down an excitation."
+            f"{told}. The servos cannot follow what is asked: train a policy with smoother actions "
+            f"({TERMS[max(kinds)[1]]}, or take a smaller env.correction), slow down an excitation."
         )
 
 

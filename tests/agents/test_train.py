@@ -629,3 +629,16 @@ def test_a_resumed_run_refuses_another_experiment(finished: Path, capsys: pytest
 def test_additional_arguments_of_the_algorithm_are_accepted(tmp_path: Path) -> None:
     assert run(*SMALL, f"out={tmp_path}", "name=kl", "agent.target_kl=0.02", "total_timesteps=128") == 0
     assert yaml.safe_load((tmp_path / "kl" / "config.yaml").read_text())["agent"]["target_kl"] == 0.02
+
+
+def test_how_hard_the_servos_are_driven_is_in_curves_and_in_a_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An untrained policy on short sides of a wide range is hard on its servo, and that is said."""
+    quick = [*SMALL, "agent.policy_kwargs.log_std_init=1.0", "env.servo={heat: 0.5}", "env.start_noise=1.5"]
+    assert run(*quick, f"out={tmp_path}", "name=hard", "total_timesteps=2048", "evaluate.every=0") == 0
+    table = (tmp_path / "hard" / "servo.md").read_text()
+    assert "| heat, i2t [share of a stalled servo's] |" in table and "env.servo.heat: 0.5" in table
+    assert {"servo/goal_rate", "servo/saturation", "servo/reversals", "servo/heat", "reward/servo_heat"} <= set(
+        events(tmp_path / "hard").Tags()["scalars"]
+    )

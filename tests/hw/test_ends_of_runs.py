@@ -247,4 +247,4 @@ def test_a_run_whose_goals_were_cut_often_says_what_mends_it(cut: int, warns: bo
     timing = Timing(250, 0, 0, 0.0, 0.0, 0.0, 0.0, *(0.0, 0.0), command_p99=0.0, cpu_share=0.0)
     said = Outcome("finished", None, fault=None, timing=timing, cut={"range": 0, "speed": cut}, bus={}).told_cut()
     assert (str(cut) in said and f"({100 * cut / 250:.0f} %)" in said) if cut else said == ""
-    assert ("env.smooth_weight" in said) is bool(warns)
+    assert ("raise env.servo.goal_rate, env.smooth_weight" in said) is bool(warns)
