@@ -244,7 +244,7 @@ def _typed(kind: Any, plain: Mapping[str, Any], prefix: str) -> dict[str, Any]:
 
 
 def extra_keys(base: Mapping[str, Any]) -> list[str]:
-    """Dotted keys of the config ``base`` beside those that its files list: arguments of its environment and algorithm."""
+    """Dotted keys beside those that its files list: arguments of its environment and of its algorithm."""
     from .algorithms import agent_keys
     from .make_env import env_keys
 
