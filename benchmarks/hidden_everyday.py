@@ -70,7 +70,7 @@ def run(number: int, seed: int) -> dict[str, Any]:
                 "sentence": one.sentence,
                 "model": one.model,
                 "gap": {name: error.rmse for name, error in one.gap.items()},
-                "shared": one.shared_share,
+                "shared": dict(one.shared_shares),
                 "tuned": one.tuned_share,
                 "unexplained": one.unexplained,
                 "causes": [row_of(cause) for cause in one.causes],
@@ -129,11 +129,15 @@ def largest(row: Mapping[str, Any], joint: str) -> dict[str, Any] | None:
 
 
 def named_first(row: Mapping[str, Any], joint: str) -> tuple[str, dict[str, Any]] | None:
-    """Where the largest value of a joint was found, and the cause: its own, or what all joints share."""
-    own, shared = row["joints"][joint], row["joints"].get(ROBOT, {"causes": []})
+    """Where the largest value of a joint was found, and the cause: its own, or the one that all joints share and that
+    does most at this one. Rows of earlier revisions have one share for all of these.
+    """
+    own, shared = row["joints"][joint], {c["name"]: c for c in row["joints"].get(ROBOT, {"causes": []})["causes"]}
     first = own["causes"][0] if own["causes"] else None
-    if shared["causes"] and (first is None or own["shared"] >= first["share"]):
-        return ROBOT, shared["causes"][0]
+    shares = own["shared"] if isinstance(own["shared"], Mapping) else dict.fromkeys(list(shared)[:1], own["shared"])
+    most = max((name for name in shares if name in shared), key=lambda name: shares[name], default=None)
+    if most is not None and (first is None or shares[most] >= first["share"]):
+        return ROBOT, shared[most]
     return None if first is None else (joint, first)
 
 

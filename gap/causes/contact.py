@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ..checks.stops import Stop
 from ..replay.joint_model import JointModel
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, absolute
+from ..replay.problem import Nominal
 from .cause import Cause, Needs, Variant
 from .registry import entry
 
@@ -61,3 +62,20 @@ def with_stops(causes: Sequence[Cause], stops: Sequence[Stop], nominal: JointMod
     return [
         replace(cause, variants=(*read, *cause.variants), seen=True) if cause.at_stops else cause for cause in causes
     ]
+
+
+def as_logged(angle: float, fitted: Mapping[str, float], nominal: Nominal) -> float:
+    """An angle of the link as the log reads it, with offset and scale of encoder and host as they were fitted.
+
+    Args:
+        angle: of the link [rad].
+        fitted: numbers of the fit, by path.
+        nominal: the joint as believed.
+    """
+    found = absolute(fitted, nominal)
+
+    def number(path: str) -> float:
+        return found[path] if path in found else nominal.value(path)
+
+    read = number("encoder.scale") * angle + number("encoder.offset")
+    return float(number("host.scale") * read + number("host.offset"))

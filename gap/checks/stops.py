@@ -83,7 +83,10 @@ def _stop(
     """The upper stop, if there is one."""
     if len(position) < 100:
         return None
-    top, span = float(np.quantile(position, 0.999)), float(np.ptp(position))
+    if not slow.any():
+        return None
+    # where it rests: a joint that comes fast goes further into what stops it
+    top, span = float(np.quantile(position[slow], 0.999)), float(np.ptp(position))
     near = position > top - max(6.0 * noise, STOP_NEAR_SHARE * span)
     against = near & slow & (goal > position + STOP_PUSH * reach)
     if period[against].sum() < STOP_SECONDS or np.ptp(goal[against]) < STOP_GOAL_SPAN * reach:

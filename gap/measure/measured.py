@@ -10,10 +10,10 @@ import numpy as np
 
 from ..causes.catalogue import adjustable
 from ..causes.cause import Cause, Variant
-from ..causes.contact import STOPS
+from ..causes.contact import STOPS, as_logged
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.comparison import robust_loss
-from ..replay.parameters import Parameter, absolute
+from ..replay.parameters import Parameter
 from ..replay.problem import Nominal, Problem
 from ..search.alike import with_alike
 from ..search.fit import Fit, fit, middle
@@ -21,14 +21,14 @@ from ..search.led import of_run
 from ..search.refit import refit
 from ..search.result import Search
 from ..search.settings import DEFAULT
-from ..search.sketch import coarsened, most_iterations
+from ..search.sketch import most_iterations
 from ..search.structure import Structure, structure, told_in
 from .adrift import begun_fit, left_by
 from .case import Replay
 from .confidence import THRESHOLDS, Adrift, Thresholds, as_noise_allows, confidence, law_error, standing
 from .harm import harm
 from .named import Error, NamedCause, OpenCause, Value
-from .shares import owed
+from .shares import by_effect
 from .signatures import Signature, disagreeing, signatures
 from .unseen import Handed, Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
 
@@ -52,7 +52,7 @@ class Measured:
         tuned: numbers of the nominal model that moved within their tolerance, as factors; where ``model`` is
             ``refitted``, up to fivefold.
         tuned_share: share that the extended model owes to its tuned numbers.
-        shared_share: of a joint of a robot, the share that what was found of the whole robot takes away.
+        shared_shares: the same of what all joints share, by cause.
         shared: causes of all joints, by the number of this joint's chain that each of them changes.
         open_causes: withdrawn ones, and near misses with what they lack.
         model: which model is handed over: ``extended``, ``refitted`` or ``nominal``.
@@ -75,7 +75,7 @@ class Measured:
     causes: tuple[NamedCause, ...] = ()
     tuned: Mapping[str, float] = field(default_factory=dict)
     tuned_share: float = 0.0
-    shared_share: float = 0.0
+    shared_shares: Mapping[str, float] = field(default_factory=dict)
     shared: Mapping[str, str] = field(default_factory=dict)
     open_causes: tuple[OpenCause, ...] = ()
     model: str = "extended"
@@ -342,15 +342,17 @@ def _name_causes(
     if not search.accepted:
         return (), account.explained
     fitting = replay.fitting
-    debts = owed(coarsened(fitting, search.settings), search)
-    shares, tuned_share = debts.shares(account.explained)
-    final = search.accepted[-1]
+    values = model.fitted.values
+    parts = [{p.path for p in candidate.variant} for candidate in search.accepted]
+    parts.append(set(values).difference(*parts))
+    *shares, tuned_share = map(float, account.explained * by_effect(replay.problem, values, parts))
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if replay.of_robot else 0.0
     named = []
-    for k, (candidate, share, without) in enumerate(zip(search.accepted, shares, debts.without, strict=True)):
-        removed = float((rounds[k].before.sum() - candidate.blocks.sum()) / search.counts.sum())
+    for k, (candidate, share) in enumerate(zip(search.accepted, shares, strict=True)):
+        before, after = rounds[k].before.sum(), candidate.blocks.sum()
+        removed = float((before - after) / search.counts.sum())
         rivals = search.rivals(k)
         wrong = float(robust_loss(np.sqrt(law_error(account.size * (sum(shares) - share)))))
         led = account.led.get(candidate.cause.key, Led(removed, residual, account.beyond))
@@ -378,7 +380,7 @@ def _name_causes(
                     for p in candidate.variant
                     if p.path in model.fitted.values
                 },
-                gain=max(1.0 - float(np.sqrt(final.blocks.sum() / without)), 0.0),
+                gain=max(1.0 - float(np.sqrt(after / before)), 0.0),
                 kind=candidate.cause.kind,
                 picture=candidate.cause.picture,
                 rivals=rivals,
@@ -415,17 +417,6 @@ def _value(parameter: Parameter, extended: Fit, bounds: Mapping[str, tuple[float
     found = (extended.values[parameter.path], *bounds[parameter.path])
     value, low, high = (float(parameter.physical(number, nominal)) for number in found)
     if parameter.number in STOPS:  # angles of the link, which a person looks up in the log
-        value, low, high = (_as_logged(angle, extended, nominal) for angle in (value, low, high))
+        value, low, high = (as_logged(angle, extended.values, nominal) for angle in (value, low, high))
     unit = nominal.unit(parameter.number) if parameter.factor else parameter.unit
     return Value(value, low, high, unit, float(nominal.value(parameter.number)))
-
-
-def _as_logged(angle: float, extended: Fit, nominal: Nominal) -> float:
-    """An angle of the link as the log reads it, with offset and scale of encoder and host as they were fitted."""
-    fitted = absolute(extended.values, nominal)
-
-    def number(path: str) -> float:
-        return fitted[path] if path in fitted else nominal.value(path)
-
-    read = number("encoder.scale") * angle + number("encoder.offset")
-    return float(number("host.scale") * read + number("host.offset"))

@@ -43,7 +43,7 @@ class NamedCause:
     Attributes:
         name, sentence, joint: what it is and where.
         share: of the nominal model's mean squared error beyond the noise, that the final model owes to this cause: by
-            how much the error rises when it is left out and all else is refitted.
+            how far its replay moves when the cause is put back to what is believed.
         confidence: win rate x removed / (removed + residual structure + model error) x beyond refitting x doubts; see
             docs/verdict.md. The win rate is the share of block-bootstrap draws in which it beats every other candidate
             on data that its fit did not see.

@@ -26,11 +26,10 @@ from ..search.fit import Fit, fit, middle
 from ..search.intervals import intervals
 from ..search.result import Candidate, Search
 from ..search.settings import DEFAULT, SearchSettings
-from ..search.sketch import coarsened, most_iterations
+from ..search.sketch import coarsened, fit_from_sketch, most_iterations
 from ..search.structure import fine, told_in
 from .confidence import THRESHOLDS
 from .named import NEAR_MISS, WITHDRAWN, OpenCause
-from .shares import refitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +110,23 @@ def missed(problem: Problem, search: Search, candidate: Candidate, seed: int) ->
         return False
     weights = block_weights(len(blocks), search.settings.draws, np.random.default_rng(seed))
     return bool((weights @ blocks < weights @ other).mean() > THRESHOLDS.certainly)
+
+
+def refitted(
+    parts: tuple[Problem, Problem], parameters: Sequence[Parameter], begun: tuple[Fit, Fit], settings: SearchSettings
+) -> tuple[tuple[Fit, Fit], np.ndarray]:
+    """Fits of some parameters to both parts of the data, and the loss of each block under the one that did not see it.
+
+    Args:
+        parts: FIT_A and FIT_B.
+        parameters: to fit.
+        begun: fits, of other parameters too, from whose values it starts.
+        settings: of the search.
+    """
+    starts = [{p.path: found.values[p.path] for p in parameters if p.path in found.values} for found in begun]
+    a, b = (fit_from_sketch(part, parameters, start, settings) for part, start in zip(parts, starts, strict=True))
+    crossed = zip(reversed(parts), (a, b), strict=True)
+    return (a, b), np.concatenate([p.block_errors(p.simulate([f.values])[0]) for p, f in crossed])
 
 
 def _away_from_none(

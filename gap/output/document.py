@@ -71,6 +71,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
         "model": diagnosis.model,
         "tuned_share": diagnosis.tuned_share,
         "shared_share": diagnosis.shared_share,
+        "shared_shares": dict(diagnosis.shared_shares),
         "unexplained": diagnosis.unexplained,
         "structure": None
         if (rest := diagnosis.structure) is None

@@ -20,11 +20,12 @@ from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
 from ..replay.frames import Compared, Proposed, compare_frames, stays
-from ..replay.free import free_problem
+from ..replay.free import FreeProblem, free_problem
 from ..replay.joint_model import JointModel
+from ..replay.parameters import Parameter
 from ..replay.slide_directions import Directions, compare_slides
 from ..replay.tree import axis_of, logged, needed
-from ..search.fit import fit
+from ..search.fit import fit, merge
 from ..search.forward import NUMERICAL
 from ..search.settings import DEFAULT
 from ..search.structure import listed
@@ -38,7 +39,9 @@ OTHERS_ERROR_RATIO = 1.2  # times that error, to which it may rise at other join
 PLAINER_ERROR_RATIO = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
 ZERO_ROUNDS = 3  # times that the zeros of taken frames are fitted, each in the light of the others
 SETTLED_ZERO = 1e-3  # [rad] by which none moves any more
-ZERO, OFFSET, GAIN = "sensor.offset", "encoder.offset", "drive.gain"
+ZERO, OFFSET = "sensor.offset", "encoder.offset"
+GAIN, DELAY, SHIFT = "drive.gain", "drive.delay", "drive.offset"
+ITERATIONS = 10  # of a fit that only compares frames
 DOUBTED = "robot.frame"
 """Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
 
@@ -141,6 +144,8 @@ def _hinges(stage: Stage) -> Found:
         return Found(zeros=compared.silent)
     before = _missed(machine)
     trial = _as_replayed(machine, compared)
+    if not _nearer(*(_beside_numbers(each) for each in (machine, machine.in_frames(trial.proposed.frames)))):
+        return Found(zeros=compared.silent)
     if not (_tells(robot, machine, trial.proposed.frames, stage.given) and _better(before, trial.missed)):
         doubt = _doubted(compared, trial.proposed)
         return Found({}, trial.proposed.frames, [doubt], compared.silent)
@@ -229,15 +234,45 @@ def _refined(machine: Machine, robot: LoggedRobot, trial: Trial) -> Trial:
 
 def _offset(machine: Machine, joint: str) -> float:
     """How far the zero of a joint is off in the log's frame [rad], beside the model's own numbers up to fivefold."""
+    problem = _replay(machine, joint)
+    if problem is None:
+        return 0.0
+    first = problem.models[0]
+    zeros = [v[0] for cause in catalogue(first, [ZERO]) for v in cause.variants if v[0].number == OFFSET]
+    return fit(problem, [*_numbers(first, GAIN), *zeros]).values.get(OFFSET, 0.0)
+
+
+def _beside_numbers(machine: Machine) -> Missed:
+    """What each hinge misses of the log beside its own numbers up to fivefold, a latency, and a shift of its goals.
+
+    A shift of 33 mrad is more torque than gravity, and looked like a joint that counts the other way round.
+    """
+    robot = machine.robot
+    missed: list[dict[str, float]] = [{} for _ in machine]
+    for joint in {} if robot is None else nominal_replays(robot, machine.runs):
+        if robot is None or robot.slides(joint) or (problem := _replay(machine, joint)) is None:
+            continue
+        numbers = _numbers(problem.models[0], GAIN, DELAY, SHIFT)
+        error = problem.position_error(fit(problem, numbers, None, ITERATIONS).simulated)
+        of_run = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))[problem.judged]
+        for k, each in enumerate(missed):
+            each[joint] = float(np.mean(error[of_run == k] ** 2))
+    return missed
+
+
+def _replay(machine: Machine, joint: str) -> FreeProblem | None:
+    """The replay of a joint; None where it cannot be replayed alone."""
     pieces = cut_joint(machine, joint, None)
     if pieces.terms is None:
-        return 0.0
+        return None
     scales = {"position": 1.0 / pieces.noise}
-    problem = free_problem(pieces.runs, joint, pieces.models, pieces.units, scales, pieces.terms)
-    first = pieces.models[0]
-    zeros = [v[0] for cause in catalogue(first, [ZERO]) for v in cause.variants if v[0].number == OFFSET]
-    gain = [cause.variants[0][0] for cause in catalogue(first, [GAIN])]  # else its error bends the zero
-    return fit(problem, [*adjustable(first, DEFAULT.refitted_by), *gain, *zeros]).values.get(OFFSET, 0.0)
+    return free_problem(pieces.runs, joint, pieces.models, pieces.units, scales, pieces.terms)
+
+
+def _numbers(nominal: JointModel, *causes: str) -> list[Parameter]:
+    """The model's own numbers up to fivefold, and the first number of some causes: else their errors bend all else."""
+    more = [cause.variants[0][:1] for cause in catalogue(nominal, causes)]
+    return merge(adjustable(nominal, DEFAULT.refitted_by), *more)
 
 
 def _tells(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ..load.robot import Machine
@@ -11,7 +11,7 @@ from ..measure.case import Case, Replay
 from ..measure.confidence import THRESHOLDS
 from ..measure.measured import Measured, measure
 from ..prepare.request import Request
-from ..search.latency import NUMBER
+from ..search.latency import DELAY, NUMBER
 from ..search.structure import listed, told_in
 from ..verdict.decide import decide
 from ..verdict.evidence import Replayed
@@ -19,6 +19,7 @@ from ..verdict.verdict import JointDiagnosis, Reason
 from .encoders import ENCODERS, in_light
 from .joints import Again, joints_of
 from .search import ROBOT, SharedFound, affected, search_shared
+from .together import headed, split
 
 NOT_NAMED = "robot.not_shared"
 SHARED = "robot.shared"
@@ -86,8 +87,12 @@ def with_robot(
     if asked:
         request.progress(f"judging {', '.join(asked)} with what the robot was found to have")
     now = {diagnosis.joint: diagnosis for diagnosis in again(asked)} if asked else {}
-    judged = [beside_before(now[one.joint], one, said) if one.joint in now else one for one in found]
-    measured = sought.by_effect(measured, "" if request.latency is None else NUMBER)
+    measured = sought.by_effect(measured, "" if request.latency is None else NUMBER, DELAY)
+    robots = {cause.name: cause.share for cause in measured.causes}
+    judged = [
+        headed(beside_before(now[one.joint], one, said, robots), request.latency) if one.joint in now else one
+        for one in found
+    ]
     return [*judged, _of_robot(sought, measured, values)]
 
 
@@ -100,13 +105,14 @@ def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> l
     ]
 
 
-def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> JointDiagnosis:
+def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str, robot: Mapping[str, float]) -> JointDiagnosis:
     """A joint judged anew, beside what its nominal model was before anything of the robot was known.
 
     Args:
         now: judged with what was found of the robot.
         before: judged without.
         said: what was found.
+        robot: shares of its causes in the gap of the robot, by name.
     """
     if not all("nominal" in one.gap and "noise_floor" in one.gap for one in (now, before)):
         return now
@@ -119,15 +125,13 @@ def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str) -> Joi
     simulated = dict(now.simulated)
     if "nominal" in before.simulated:
         simulated["nominal"] = before.simulated["nominal"]
-    return now.changed(
+    found = now.changed(
         gap={**now.gap, "nominal": before.gap["nominal"]},
         simulated=simulated,
-        causes=tuple(replace(cause, share=cause.share * kept) for cause in now.causes),
-        tuned_share=now.tuned_share * kept,
         unexplained=now.unexplained * kept,
-        shared_share=1.0 - kept + now.shared_share * kept,
         reasons=(Reason("shared", taken), *now.reasons) if kept < 1.0 else now.reasons,
     )
+    return split(found, before.problem, robot)
 
 
 def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:

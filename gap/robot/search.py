@@ -19,7 +19,7 @@ from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
 from ..measure.measured import Measured
-from ..measure.shares import by_effect
+from ..measure.shares import by_effect, with_shares
 from ..replay.flattened import flattened
 from ..replay.parameters import BAR, Parameter, address
 from ..replay.problem import JointProblem
@@ -74,22 +74,22 @@ class SharedFound:
             at += len(problem.time)
         return found
 
-    def by_effect(self, measured: Measured, number: str = "") -> Measured:
+    def by_effect(self, measured: Measured, number: str = "", cause: str = "") -> Measured:
         """What was measured, its shares by effect: bodies and frictions of the joints make up for most of a payload.
 
         Args:
             measured: of the robot.
-            number: of each joint's chain that has a share of its own, ``shared_share``; empty: none.
+            number: of each joint's chain that has a share of its own, as ``cause``; empty: none.
+            cause: that changes this number at all joints alike.
         """
         full = middle(*self.search.fits)
-        parts = [set(cause.parameters) for cause in measured.causes]
+        parts = [set(one.parameters) for one in measured.causes]
         parts.append({path for path in full if number and address(path).joint and address(path).own == number})
         parts.append(set(full).difference(*parts))
-        explained = measured.tuned_share + sum(cause.share for cause in measured.causes)
-        *shares, shared, tuned = explained * by_effect(self.problem, full, parts)
-        causes = [replace(cause, share=float(x)) for cause, x in zip(measured.causes, shares, strict=True)]
-        causes = tuple(sorted(causes, key=lambda cause: -cause.share))
-        return replace(measured, causes=causes, shared_share=float(shared), tuned_share=float(tuned))
+        explained = measured.tuned_share + sum(one.share for one in measured.causes)
+        *shares, shared, tuned = map(float, explained * by_effect(self.problem, full, parts))
+        causes = with_shares(measured.causes, shares)
+        return replace(measured, causes=causes, shared_shares={cause: shared} if number else {}, tuned_share=tuned)
 
     def more(self, joint: str, values: Mapping[str, float]) -> list[Array] | None:
         """What numbers of the robot add to the terms of a joint in each run (samples, T_SIZE); None where nothing."""

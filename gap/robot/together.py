@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,10 +13,10 @@ from ..measure.case import Case, Replay
 from ..measure.confidence import standing
 from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, Value
-from ..measure.shares import by_effect
+from ..measure.shares import moved, with_shares
 from ..prepare.request import Request
 from ..replay.parameters import numbers
-from ..replay.problem import NOISE_FLOORS
+from ..replay.problem import NOISE_FLOORS, Problem
 from ..search.forward import NUMERICAL
 from ..search.latency import DELAY, NUMBER, Latency, latency_of
 from ..search.look import Look, look
@@ -83,30 +84,59 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
         diagnosis: of the joint.
         found: the latency of all joints.
     """
-    problem = diagnosis.problem
-    if found is None or diagnosis.joint not in found.joints or problem is None:
+    if found is None or diagnosis.joint not in found.joints or diagnosis.problem is None:
         return diagnosis
     if NUMBER not in diagnosis.values:  # the believed model is handed over
         return diagnosis
-    known = numbers(diagnosis.values)
-    parts = [{known[number] for number in cause.parameters if number in known} for cause in diagnosis.causes]
-    parts.append({NUMBER})
-    parts.append(set(diagnosis.values).difference(*parts))
-    explained = diagnosis.tuned_share + sum(cause.share for cause in diagnosis.causes)
-    *shares, share, tuned = map(float, explained * by_effect(problem, diagnosis.values, parts))
-    causes = [replace(cause, share=x) for cause, x in zip(diagnosis.causes, shares, strict=True)]
+    diagnosis = split(diagnosis.changed(shared={NUMBER: DELAY}))
+    share = diagnosis.shared_shares[DELAY]
     reason = Reason("shared", f"All joints share a {told(found)}: {100.0 * share:.0f} % of this gap.")
-    diagnosis = diagnosis.changed(
-        causes=tuple(sorted(causes, key=lambda cause: -cause.share)),
-        shared_share=share,
-        tuned_share=tuned,
-        shared={NUMBER: DELAY},
-        reasons=(reason, *diagnosis.reasons),
+    return headed(diagnosis.changed(reasons=(reason, *diagnosis.reasons)), found)
+
+
+def split(
+    diagnosis: JointDiagnosis, before: Problem | None = None, robot: Mapping[str, float] = MappingProxyType({})
+) -> JointDiagnosis:
+    """A joint whose explained gap is split by effect: its own causes, its tuned numbers, and what all joints share.
+
+    Args:
+        diagnosis: of the joint.
+        before: its replay without what was found of the robot; None where nothing was.
+        robot: shares of the causes of the robot in what was found of it, by name.
+    """
+    problem, known = diagnosis.problem, numbers(diagnosis.values)
+    assert problem is not None
+    parts = [{known[number] for number in cause.parameters if number in known} for cause in diagnosis.causes]
+    parts.append({number for number in diagnosis.shared if number in diagnosis.values})
+    parts.append(set(diagnosis.values).difference(*parts))
+    effects = [*moved(problem, diagnosis.values, parts), 0.0]
+    if before is not None:
+        here, away = (one.position_error(one.simulate([diagnosis.values])[0]) for one in (problem, before))
+        effects[-1] = float(np.mean((here - away) ** 2))
+    *shares, late, tuned, whole = map(
+        float, (1.0 - diagnosis.unexplained) * np.array(effects) / max(sum(effects), 1e-300)
     )
+    shared = dict.fromkeys(diagnosis.shared.values(), late)
+    shared |= {name: whole * part / sum(robot.values()) for name, part in robot.items()}
+    causes = with_shares(diagnosis.causes, shares)
+    return diagnosis.changed(causes=causes, shared_shares=shared, tuned_share=tuned)
+
+
+def headed(diagnosis: JointDiagnosis, found: Latency | None) -> JointDiagnosis:
+    """A joint whose sentence begins with what all joints share, where that does most.
+
+    Args:
+        diagnosis: of the joint.
+        found: the latency of all joints.
+    """
+    shared = diagnosis.shared_shares
+    first = max(shared, key=shared.__getitem__, default="")
     others = max([diagnosis.unexplained, *(cause.share for cause in diagnosis.causes)])
-    if share <= others:
+    if not first or shared[first] <= others:
         return diagnosis
-    lead = f"The latency of all joints, {1e3 * found.value:.1f} ms, explains"
+    lead = f"{first} of the robot"
+    if first == DELAY and found is not None:
+        lead = f"The latency of all joints, {1e3 * found.value:.1f} ms,"
     named = ""
     if diagnosis.causes:
         own = 100.0 * sum(cause.share for cause in diagnosis.causes)
@@ -115,7 +145,7 @@ def beside_latency(diagnosis: JointDiagnosis, found: Latency | None) -> JointDia
     rest = diagnosis.measured.structure
     left = f", {fine(rest.rms, rest.unit, 2)} unexplained" if rest is not None and rest.noticed else ""
     fell = f"error {errors[0]} to {errors[1]}{left}"
-    sentence = f"{lead} {100.0 * share:.0f} % of the gap of '{diagnosis.joint}'{named}: {fell}."
+    sentence = f"{lead} explains {100.0 * shared[first]:.0f} % of the gap of '{diagnosis.joint}'{named}: {fell}."
     alone = diagnosis.verdict == NOTHING or diagnosis.said.because("blind")  # nothing of the joint's own is open
     verdict = EXPLAINED if alone else diagnosis.verdict
     return diagnosis.changed(verdict=verdict, sentence=sentence)
@@ -132,7 +162,7 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
         for name in ("nominal", "extended")
     }
     weights = np.array([(one.gap["nominal"].rmse / noises[one.joint]) ** 2 for one in having])
-    share = float(weights @ np.array([one.shared_share for one in having]) / weights.sum())
+    share = float(weights @ np.array([one.shared_shares[DELAY] for one in having]) / weights.sum())
     value = Value(found.value, found.low, found.high, "s", found.believed)
     cause = NamedCause(
         name=DELAY,
@@ -162,7 +192,8 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
 
 def _with_latency(robot: JointDiagnosis, cause: NamedCause, found: Latency) -> JointDiagnosis:
     """What is said of the robot, with the latency among its causes; the one that does most comes first."""
-    cause = replace(cause, share=robot.shared_share, gain=robot.shared_share)
+    share = robot.shared_shares[DELAY]
+    cause = replace(cause, share=share, gain=share)
     causes = tuple(sorted((cause, *robot.causes), key=lambda one: -one.share))
     others = listed([f"{one.name} {100.0 * one.share:.0f} %" for one in robot.causes])
     late = f"{told(found)}, {100.0 * cause.share:.0f} % of the gap"
@@ -170,4 +201,4 @@ def _with_latency(robot: JointDiagnosis, cause: NamedCause, found: Latency) -> J
     if causes[0] is not cause:
         sentence = f"{robot.sentence.removesuffix('.')}; beside it the {late}."
     reasons = (Reason("shared", f"All joints: {late}."), *robot.reasons)
-    return robot.changed(causes=causes, sentence=sentence, shared_share=0.0, reasons=reasons)
+    return robot.changed(causes=causes, sentence=sentence, shared_shares={}, reasons=reasons)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..causes.contact import STOPS
+from ..causes.contact import STOPS, as_logged
 from ..checks.stops import STOP_FOLLOWING, follows
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem
@@ -35,18 +35,17 @@ def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping
         variant: what was fitted.
         fitted: numbers of the fit, by path.
     """
-    if problem.models[0].by_torque:  # which pushes
+    nominal = problem.models[0]
+    if nominal.by_torque:  # which pushes
         return False
-    sides = [STOPS[p.number] for p in variant if p.number in STOPS]
+    ends = [(STOPS[p.number], as_logged(fitted[p.path], fitted, nominal)) for p in variant if p.number in STOPS]
     without = {path: value for path, value in fitted.items() if path not in {p.path for p in variant}}
     stopped, onward = problem.simulate([fitted, without])[:, :, 0]
-    for side in sides:
+    for side, angle in ends:
         acts = problem.judged & (side * (onward - stopped) > FELT * problem.noise)
-        if acts.any():
-            top = float((side * stopped[acts]).max())
-            acts &= side * stopped > top - FELT * problem.noise  # what a stop left behind is no visit to it
-            if not (_pushed(problem, side, acts) or _loaded(problem, acts)):
-                return True
+        acts &= side * (stopped - angle) > -FELT * problem.noise  # what a stop left behind is no visit to it
+        if acts.any() and not (_pushed(problem, side, acts) or _loaded(problem, acts)):
+            return True
     return False
 
 

@@ -198,8 +198,13 @@ class JointDiagnosis:
 
     @property
     def shared_share(self) -> float:
-        """Of a joint of a robot, the share that what was found of the whole robot takes away."""
-        return self.measured.shared_share
+        """Share of it that the final model owes to what all joints share."""
+        return sum(self.measured.shared_shares.values())
+
+    @property
+    def shared_shares(self) -> Mapping[str, float]:
+        """The same by cause."""
+        return self.measured.shared_shares
 
     @property
     def shared(self) -> Mapping[str, str]:

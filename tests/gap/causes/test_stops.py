@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.contact import with_stops
-from sealegs.gap.checks.stops import Stop, stops_of
+from sealegs.gap.checks.stops import Stop, read_stops, stops_of
 from sealegs.gap.experiment.excitations import STOP_CLEARANCE, Limits, excitations, within
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine
@@ -46,6 +48,20 @@ def test_a_stop_is_read_off_in_the_frame_of_the_log(shift: float, side: int) -> 
     assert stop.side == side
     assert stop.angle == pytest.approx(side * 0.75 + shift, abs=0.01)
     assert stop.beyond > 0.1
+
+
+def test_a_stop_that_a_joint_ran_into_is_read_off_where_the_joint_rests_against_it() -> None:
+    """A gripper's jaw went 30 mrad into a soft stop and came back by as much: nothing was within 15 mrad of the top."""
+    goal, top = np.tile(np.linspace(0.2, 1.0, 400), 4), 0.7
+    position = np.minimum(goal, top + 0.02 * np.maximum(goal - top, 0.0))
+    slow = np.ones(len(goal), bool)
+    for k in range(0, len(goal), 400):
+        position[k : k + 4], slow[k : k + 4] = 0.75, False
+    log: Any = SimpleNamespace(goal=goal, goal_alone=None, position=position, touched=None)
+    every = np.ones(len(goal), bool)
+    seen: Any = SimpleNamespace(log=log, still=False, on=every, moving=~slow, period=0.02, noise=2.4e-3)
+    (stop,) = read_stops([seen])
+    assert stop.angle == pytest.approx(0.70, abs=0.01) and stop.beyond > 0.25
 
 
 def test_a_joint_that_is_free_has_no_stop() -> None:

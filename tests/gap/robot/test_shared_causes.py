@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -15,8 +16,9 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot, Machine
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
+from sealegs.gap.measure.case import Case
 from sealegs.gap.measure.measured import rival_of
-from sealegs.gap.measure.named import Error
+from sealegs.gap.measure.named import Error, NamedCause, Value
 from sealegs.gap.output.pictures.first_look import budget_slices
 from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.prepare.pieces import cut_joint
@@ -115,19 +117,35 @@ def test_a_spring_of_a_joint_is_no_bodys_weight(recorded: MeasuredRun) -> None:
 def test_what_the_robot_has_is_not_the_share_of_a_joints_tuned_numbers() -> None:
     """ "tuned numbers 95 %" where a payload had taken the error from 25.2 to 1.4 mrad."""
 
-    def judged(nominal: float, **more: Any) -> JointDiagnosis:
-        gap = {name: Error(size, size) for name, size in (("nominal", nominal), ("noise_floor", 1e-3))}
-        return found_of_robot("x", 0.0).changed(joint="elbow", gap=gap, **more)
+    def judged(nominal: float, carried: float, **more: Any) -> JointDiagnosis:
+        """A joint that its friction moves by 1 part, a stop by 4, and the payload in its load by ``carried``."""
 
-    now = beside_before(judged(2e-3, tuned_share=0.9, unexplained=0.1), judged(20e-3), "body.hand.payload 0.15 kg")
-    assert now.gap["nominal"].rmse == 20e-3 and now.shared_share == pytest.approx(1.0 - 3.0 / 399.0)
-    assert now.shared_share + now.tuned_share + now.unexplained == pytest.approx(1.0)
+        def simulate(rows: list[dict[str, float]]) -> np.ndarray:
+            return np.array(
+                [[row.get("friction.coulomb*", 0.0), row.get("load.stop_angle", 0.0), carried] for row in rows]
+            )
+
+        replay: Any = SimpleNamespace(problem=SimpleNamespace(simulate=simulate, position_error=lambda row: row))
+        gap = {name: Error(size, size) for name, size in (("nominal", nominal), ("noise_floor", 1e-3))}
+        case = Case("elbow", signal="elbow.position", unit="rad", replay=replay)
+        return found_of_robot("x", 0.0).changed(case=case, gap=gap, **more)
+
+    stop = NamedCause(
+        "contact.blocked", "", "elbow", 0.9, 0.99, {"load.stop_angle": Value(4.0, 3.0, 5.0, "rad", 9.0)}, 0.5, "effect"
+    )
+    values = {"friction.coulomb*": 1.0, "load.stop_angle": 4.0}
+    after = judged(2e-3, 2.0, values=values, causes=(stop,), tuned_share=0.0, unexplained=0.1)
+    said, names = "body.hand.payload 0.15 kg", {"load.mass": 0.4}
+    now = beside_before(after, judged(20e-3, 0.0), said, names)
+    kept = 3.0 / 399.0
+    explained = 1.0 - 0.1 * kept
+    assert now.gap["nominal"].rmse == 20e-3 and now.unexplained == pytest.approx(0.1 * kept)
+    assert now.shared_shares == {"load.mass": pytest.approx(explained * 4.0 / 21.0)}
+    assert (now.causes[0].share, now.tuned_share) == pytest.approx((explained * 16.0 / 21.0, explained / 21.0))
     assert "(body.hand.payload 0.15 kg) takes the error from 20 to 2 mrad" in now.reasons[0].sentence
     assert {piece.label for piece in budget_slices(now)} >= {"whole robot", "tuned numbers"}
-    unhelped = beside_before(
-        judged(20e-3, tuned_share=0.9, unexplained=0.1), judged(20e-3), "body.hand.payload 0.15 kg"
-    )
-    assert unhelped.shared_share == 0.0 and unhelped.tuned_share == 0.9 and not unhelped.reasons
+    unhelped = beside_before(judged(20e-3, 0.0, values=values, unexplained=0.1), judged(20e-3, 0.0), said, names)
+    assert unhelped.shared_share == 0.0 and unhelped.tuned_share == pytest.approx(0.9) and not unhelped.reasons
 
 
 def with_inertias_about_joints(text: str) -> str:
