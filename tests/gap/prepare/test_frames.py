@@ -17,7 +17,8 @@ from sealegs.gap.prepare.frames import in_likely_frames
 from sealegs.gap.verdict.verdict import NOTHING, JointDiagnosis
 
 from testbed import arm
-from testbed.logs import hidden_arm
+from testbed.everyday import drawn
+from testbed.logs import hidden_arm, hidden_everyday
 from tests.logged_robots import robot, two_link_run
 from tests.quick import quick
 
@@ -198,3 +199,14 @@ def test_friction_is_named_in_a_joint_that_counts_the_other_way(tmp_path: Path) 
     assert np.prod([machine.frame(joint).sign for joint in ("shoulder", "elbow")]) == -1.0
     written = write_extension(elbow, as_taken(turned, [shoulder, elbow]).runs, tmp_path)
     assert "counted as in the log" in written["chain"].read_text(encoding="utf-8")
+
+
+@pytest.mark.long
+def test_a_joint_whose_goals_are_shifted_does_not_count_the_other_way(tmp_path: Path) -> None:
+    """A shift of 33 mrad at a leg's hip is more torque than gravity: the hip was turned around, 55 degrees off, and
+    nothing was identifiable at any joint.
+    """
+    data, _ = hidden_everyday(drawn(2, 302), tmp_path)
+    machine, findings = in_likely_frames(Machine.of(data.runs), lambda text: None)
+    assert machine.robot is not None and not machine.robot.frames
+    assert not [finding for finding in findings if finding.code == "robot.frame"]
