@@ -104,6 +104,13 @@ def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[
     rng = np.random.default_rng(seed)
     weights = block_weights(len(record.before), settings.draws, rng)
     totals = weights @ table.T
+    limits = [record.candidates[k].limit for k in order]
+    names = [record.candidates[k].name for k in order]
+    if limits[0] in names:  # data that cannot tell a cause from its limit are poor: the limit is meant
+        other = names.index(limits[0])
+        if (totals[:, other] <= totals[:, 0]).mean() > settings.rival_win_rate:
+            moved = [other, *(k for k in range(len(order)) if k != other)]
+            order, table, totals = [order[k] for k in moved], table[moved], totals[:, moved]
     better = (totals < (weights @ record.before)[:, None]).mean(axis=0)
     totals = totals + settings.shared_error * table.sum(axis=1).min() * rng.normal(size=totals.shape)
     best = np.bincount(totals.argmin(axis=1), minlength=len(order)) / settings.draws

@@ -228,6 +228,7 @@ class Searcher:
             scale=first.scale if first.logarithmic else None,
             contradicted=contradicted(self.both, cause, variant, judged.fits),
             values=(judged.fits[0].values, judged.fits[1].values),
+            limit="" if cause.degenerates_to is None else cause.degenerates_to.cause,
         )
         return Candidate(cause, variant, judged.fits, evidence)
 

@@ -24,6 +24,7 @@ from .sketch import sketch
 LOOKED_FOR = (
     "drive.delay",
     "drive.gain",
+    "drive.offset",
     "drive.supply_sag",
     "friction.coulomb",
     "friction.viscous",

@@ -35,6 +35,7 @@ class Evidence:
         contradicted: share of the samples that contradict the cause.
         values: of all parameters in the fits to the two parts.
         excess: loss per value beyond that of the noise with it; NaN where it was not asked.
+        limit: the cause that it cannot be told from in poorer data; empty where there is none.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Evidence:
     contradicted: float
     values: tuple[Mapping[str, float], Mapping[str, float]]
     excess: float = float("nan")
+    limit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +172,7 @@ def _round(record: RoundRecord) -> dict[str, Any]:
                 "contradicted": float(c.contradicted),
                 "values": [{path: float(value) for path, value in part.items()} for part in c.values],
                 "excess": float(c.excess),
+                "limit": c.limit,
             }
             for c in record.candidates
         ],

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.gap.search.decide import Standing, decide, hopeless, pays
+from sealegs.gap.search.decide import Standing, decide, hopeless, pays, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
@@ -198,3 +198,14 @@ def test_every_setting_says_what_it_means_and_can_be_set() -> None:
     assert set(SearchSettings.deciding()) < set(SearchSettings.meanings())
     with pytest.raises(AttributeError):
         DEFAULT.least_gain = 0.5  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize(("better", "first"), [(0.0, "drive.offset"), (0.1, "sensor.offset")])
+def test_of_a_cause_and_its_limit_that_fit_alike_the_limit_comes_first(better: float, first: str) -> None:
+    """Of goals that were shifted, the encoder's zero was told: a wrong number has precedence over a missing effect."""
+    shifted = evidence("drive.offset", 0.4)
+    zero = evidence("sensor.offset", 0.4, number=True, limit="drive.offset", blocks=shifted.blocks - 200.0 * better)
+    record = round_of(shifted, zero, evidence("friction.viscous", 0.1))
+    order = standings(record, DEFAULT, 0)
+    assert record.candidates[order[0].index].name == first
+    assert len(order) == 3 and sum(standing.best for standing in order) == pytest.approx(1.0)
