@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from sealegs.common.errors import SealegsError
 from sealegs.gap.log.parts import state_at
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.search.windows import window_starts
+from sealegs.gap.search.windows import SHORTEST, WINDOW
 from threadpoolctl import threadpool_limits
 
 from benchmarks.real_data import recorded
@@ -98,7 +98,7 @@ def in_windows(runs: Runs) -> Runs:
     starts, gains, speeds = [], [], []
     for run, (a, b) in enumerate(zip(runs.starts[:-1], runs.starts[1:], strict=True)):
         time_, position = runs.time[a:b], runs.position[a:b]
-        for k in window_starts(time_):
+        for k in np.searchsorted(time_, np.arange(time_[0], time_[-1] - SHORTEST, WINDOW)):
             starts.append(int(a + k))
             gains.append(runs.gain[run])
             speeds.append(state_at(time_, position, int(k))[1] if k else 0.0)

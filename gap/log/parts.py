@@ -12,6 +12,8 @@ from .types import LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
 SEARCH = 1.5  # [s] before that in which a quiet start is looked for
+STATE_SAMPLES = 2.5  # periods either side of a sample, at least, over which its speed is read
+SLOPE = 0.03  # [s] either side of a sample over which its speed is read, and twice that
 QUIET = 0.05  # [s] either side of a sample over which its motion is judged
 # of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
 # play the link lies
@@ -200,10 +202,34 @@ def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: floa
     return int(samples[np.argmin(np.abs(position[after] - position[before]))])
 
 
-def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = 0.03) -> tuple[float, float]:
+def steady(time: np.ndarray, position: np.ndarray, command: np.ndarray, earliest: float, latest: float) -> int:
+    """Sample between two times at which a speed is read best: its motion bends least, and no command that may still be
+    under way has jumped.
+
+    Args:
+        time, position: of a run (n,).
+        command: of it, of any unit (n,).
+        earliest, latest: between which [s].
+    """
+    a, b = np.searchsorted(time, [earliest, latest])
+    samples = np.arange(a, max(b, a + 1))
+    reach = max(round(SLOPE / float(np.median(np.diff(time)))), 1)
+
+    def slope(reach: int) -> np.ndarray:
+        before, after = np.maximum(samples - reach, 0), np.minimum(samples + reach, len(time) - 1)
+        return (position[after] - position[before]) / (time[after] - time[before])
+
+    span = float(np.nanmax(command) - np.nanmin(command)) if np.isfinite(command).any() else 0.0
+    jumps = np.nan_to_num(np.abs(np.diff(command, prepend=command[:1]))) * np.ptp(position) / max(span, 1e-12)
+    recent = np.array([jumps[max(k - 2 * reach, 0) : k + 1].max() for k in samples]) / (2.0 * SLOPE)
+    return int(samples[np.argmin(np.abs(slope(reach) - slope(2 * reach)) + recent)])
+
+
+def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = SLOPE) -> tuple[float, float]:
     """Position [rad] and speed [rad/s] at a sample, from a parabola through the positions around it."""
+    width = max(width, STATE_SAMPLES * float(np.median(np.diff(time[max(sample - 5, 0) : sample + 6]))))
     near = np.flatnonzero(np.abs(time - time[sample]) <= width)
     if len(near) < 4 or np.ptp(position[near]) == 0.0:
         return float(position[sample]), 0.0
-    fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], position[near], 2 if len(near) > 5 else 1)
+    fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], position[near], 2 if len(near) > 4 else 1)
     return float(fit[0]), float(fit[1])

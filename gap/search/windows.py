@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at
+from ..log.parts import FIT_A, FIT_B, LEAST_START, Unit, state_at, steady
 from ..replay.comparison import rms
 from ..replay.constants import K
 from ..replay.parameters import Parameter
@@ -23,6 +23,7 @@ from .fit import fit
 from .settings import DEFAULT, SearchSettings
 
 WINDOW = 1.0  # [s]
+NEAR = 0.2  # [s] around the multiples of a window in which the start of one is looked for
 SHORTEST = 0.5  # [s] what is left at the end of a run, if shorter, belongs to the window before
 
 
@@ -54,9 +55,25 @@ def _off(part: JointProblem, simulated: np.ndarray) -> float:
     return rms(part.position_error(simulated)) / part.noise
 
 
-def window_starts(time: np.ndarray, window: float = WINDOW, shortest: float = SHORTEST) -> np.ndarray:
-    """First sample of each window of a run, from its times (n,) [s]; the last one is longer than ``shortest`` [s]."""
-    return np.searchsorted(time, np.arange(time[0], time[-1] - shortest, window))
+def window_starts(
+    time: np.ndarray,
+    position: np.ndarray,
+    command: np.ndarray,
+    window: float = WINDOW,
+    shortest: float = SHORTEST,
+) -> list[int]:
+    """First sample of each window of a run: the first of all, and near each multiple of a window the one at which the
+    state of the joint is read best. A speed that is read where a goal jumps is far off, and causes are sought that mend
+    it.
+
+    Args:
+        time, position: of the run (n,) [s], [rad].
+        command: of it (n,).
+        window: between them, about [s].
+        shortest: what the last one is longer than [s].
+    """
+    marks = np.arange(time[0] + window, time[-1] - shortest - NEAR, window)
+    return [0, *(steady(time, position, command, mark - NEAR, mark + NEAR) for mark in marks)]
 
 
 def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> Joint:
@@ -73,7 +90,8 @@ def split(problem: Joint, window: float = WINDOW, lead: float = LEAST_START) -> 
     group = problem.group.copy()
     for unit, first, end in zip(problem.units, problem.starts[:-1], problem.starts[1:], strict=True):
         time, position = problem.time[first:end], problem.measured[first:end, 0]
-        cuts = [*(int(k) for k in window_starts(time, window, max(SHORTEST, 2.0 * lead))), end - first]
+        goal, shortest = problem.goal[first:end], max(SHORTEST, 2.0 * lead)
+        cuts = [*window_starts(time, position, goal, window, shortest), int(end - first)]
         for a, b in itertools.pairwise(cuts):
             ready = int(np.searchsorted(time, time[a] + lead)) if a > 0 else unit.judged
             judged[first + a : first + ready] = False

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import Chain, load_chain
 from sealegs.gap.finder.diagnosis import diagnose
-from sealegs.gap.log.parts import FIT_A, FIT_B, LEAST_START, cut
+from sealegs.gap.log.parts import FIT_A, FIT_B, LEAST_START, cut, state_at, steady
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.forward import Searcher
@@ -46,6 +46,29 @@ def test_the_first_moments_of_a_window_are_not_judged() -> None:
         early = cut_up.time[a:b] < cut_up.time[a] + LEAST_START
         assert not cut_up.judged[a:b][early].any()
     assert not (cut_up.judged & ~problem().judged).any()
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 200.0])
+def test_the_speed_of_a_state_is_read_at_any_usual_rate(rate: float) -> None:
+    """At 50 Hz three samples were too few for a parabola, and every window began at rest."""
+    time = np.arange(0.0, 2.0, 1.0 / rate)
+    for k in range(20, len(time) - 20, 7):
+        position, speed = state_at(time, np.sin(2.0 * np.pi * time), k)
+        assert position == pytest.approx(np.sin(2.0 * np.pi * time[k]), abs=0.01)
+        assert speed == pytest.approx(2.0 * np.pi * np.cos(2.0 * np.pi * time[k]), abs=0.15)
+
+
+def test_a_window_begins_neither_where_a_joint_starts_to_move_nor_while_a_command_may_be_under_way() -> None:
+    """A knee's windows from where goals jumped were 10 mrad off; a delay of readings and an overload mended that."""
+    time = np.arange(0.0, 4.0, 0.01)
+    goal = (time >= 1.99).astype(float)
+    late = np.maximum(time - 2.01, 0.0)
+    position = 1.0 - np.exp(-late / 0.04) * (1.0 + late / 0.04)
+    start = steady(time, position, goal, 1.8, 2.2)
+    assert time[start] < 1.97 or time[start] > 2.15
+    far = steady(time, position, 1000.0 * goal, 1.8, 2.2)  # whatever the unit of the command
+    assert far == start
+    assert steady(time, position, np.full(len(time), np.nan), 1.8, 2.2) >= 0
 
 
 def test_a_model_that_is_near_keeps_its_whole_runs() -> None:
