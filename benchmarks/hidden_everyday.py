@@ -157,8 +157,8 @@ def holds(row: Mapping[str, Any], effect: Mapping[str, Any], cause: Mapping[str,
 
 
 def right_first(row: Mapping[str, Any], joint: str) -> str:
-    """``right``, ``size`` (right name, the interval does not hold the truth), ``wrong``, or ``none`` named; empty where
-    nothing was to be named.
+    """``right``, ``size`` (right name, the interval does not hold the truth), ``rival`` (another name, of one that the
+    log is said not to tell from the right one), ``wrong``, or ``none`` named; empty where nothing was to be named.
     """
     effect = largest(row, joint)
     if effect is None or not effect["cause"]:
@@ -167,8 +167,10 @@ def right_first(row: Mapping[str, Any], joint: str) -> str:
     if named is None:
         return "none"
     where, cause = named
-    if cause["name"] not in effect["cause"] or (where == ROBOT and effect["joint"]):
+    if where == ROBOT and effect["joint"]:
         return "wrong"
+    if cause["name"] not in effect["cause"]:
+        return "rival" if set(cause["rivals"]) & set(effect["cause"]) else "wrong"
     return "right" if holds(row, effect, cause) else "size"
 
 
@@ -233,6 +235,7 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, int, int]]:
     return [
         ("largest effect of a joint named first, with the truth in its interval", first.count("right"), len(first)),
         ("the same, whatever its interval", first.count("right") + first.count("size"), len(first)),
+        ("another first, which is said not to be told from it", first.count("rival"), len(first)),
         (f"causes named with {SURE:g} or more that are false", sum(len(f) for f, _ in false), sum(n for _, n in false)),
         ("fresh motion: joints within a tenth of nominal, or 1.5 noise floors", sum(a for a, _ in fresh), len(fresh)),
         ("fresh motion: joints worse than nominal", sum(b for _, b in fresh), len(fresh)),

@@ -13,7 +13,7 @@ from ..causes.cause import Cause, Variant
 from ..causes.contact import STOPS, as_logged
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.comparison import robust_loss
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, absolute
 from ..replay.problem import Nominal, Problem
 from ..search.alike import with_alike
 from ..search.fit import Fit, fit, middle
@@ -349,12 +349,13 @@ def _name_causes(
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if replay.of_robot else 0.0
+    bounds = beside_rivals(search, model.bounds, fitting.models[0])
     named = []
     for k, (candidate, share) in enumerate(zip(search.accepted, shares, strict=True)):
         before, after = rounds[k].before.sum(), candidate.blocks.sum()
         removed = float((before - after) / search.counts.sum())
         rivals = search.rivals(k)
-        wrong = float(robust_loss(np.sqrt(law_error(account.size * (sum(shares) - share)))))
+        wrong = float(robust_loss(np.sqrt(law_error(account.size * (account.explained - share)))))
         led = account.led.get(candidate.cause.key, Led(removed, residual, account.beyond))
         beyond = 1.0 if candidate.variant[0].number in account.numbers else led.beyond
         sure = confidence(min(candidate.best, candidate.better), led.removed, led.residual + neighbours + wrong, beyond)
@@ -376,7 +377,7 @@ def _name_causes(
                 share=share,
                 confidence=sure,
                 parameters={
-                    p.number: _value(p, model.fitted, model.bounds, fitting.models[0])
+                    p.number: _value(p, model.fitted, bounds, fitting.models[0])
                     for p in candidate.variant
                     if p.path in model.fitted.values
                 },
@@ -390,6 +391,34 @@ def _name_causes(
             )
         )
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
+
+
+def beside_rivals(
+    search: Search, bounds: Mapping[str, tuple[float, float]], nominal: Nominal
+) -> dict[str, tuple[float, float]]:
+    """Intervals that also hold what each number is beside the rivals of the last cause, as wide there as here.
+
+    Of a weaker motor and an encoder that reads too much, which one is beside a rotor decides how heavy the rotor is.
+
+    Args:
+        search: that found the model.
+        bounds: intervals by path.
+        nominal: what is believed.
+    """
+    last = next((step for step in reversed(search.rounds) if step.accepted), None)
+    here, found = absolute(middle(*search.fits), nominal), dict(bounds)
+    for rival in [] if last is None else search.close(last):
+        there = absolute(middle(*rival.fits), nominal)
+        for p in search.parameters():
+            if p.path in bounds and p.number in here and p.number in there:
+                moved = there[p.number] - here[p.number]
+                moved /= float(nominal.value(p.number)) if p.factor else 1.0
+                low, high = found[p.path]
+                found[p.path] = (
+                    max(min(low, bounds[p.path][0] + moved), p.low),
+                    min(max(high, bounds[p.path][1] + moved), p.high),
+                )
+    return found
 
 
 def not_excluded(cause: Cause, variant: Variant, bounds: Mapping[str, tuple[float, float]], edge: float) -> str:
