@@ -130,7 +130,8 @@ def look(log: Path, settings: Mapping[str, Any]) -> None:
 
     console = Console()
     with console.status("looking"):
-        found = first_look(read_bounded(log), Request(seed=settings["seed"], causes=settings["causes"]))
+        request = Request(seed=settings["seed"], causes=settings["causes"])
+        found = first_look(read_bounded(log), request, settings["joints"])
     for line in lines_of(found):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 

@@ -259,14 +259,19 @@ def prepared(data: MeasuredSet, joint: str, request: Request) -> Replay:
     return replay
 
 
-def first_look(data: MeasuredSet, request: Request) -> FirstLook:
-    """What each joint of a data set shows at first sight, and the latency that they share; nothing is searched.
+def first_look(data: MeasuredSet, request: Request, only: Sequence[str] | None = None) -> FirstLook:
+    """What joints of a data set show at first sight, and the latency that they share; nothing is searched.
+
+    Args:
+        data: measured runs of one machine.
+        request: what is asked for.
+        only: names of the joints to look at; None: all.
 
     Raises:
         SealegsError: the log cannot be used, or no joint of it can be replayed.
     """
     machine, findings = _mended(data, request)
-    joints = chosen(commanded(machine), None)
+    joints = chosen(commanded(machine), only)
     found = look_at(joints, partial(_replay_of, machine, findings=findings, request=request), request)
     if not found.joints:
         raise SealegsError("No joint can be replayed freely, so there is nothing to look at; diagnose says why.")

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from sealegs.common.errors import SealegsError
 from sealegs.gap.finder.diagnosis import diagnose, first_look
 from sealegs.gap.output.extension import changes
 from sealegs.gap.output.look import lines_of
@@ -28,6 +29,16 @@ def test_a_first_look_tells_what_moves_a_joint_most() -> None:
     told = [line.split()[0] for line in lines if line.startswith("  ")]
     assert told[0] == "drive.delay" and "friction.coulomb" in told
     assert any("delay.seconds = 0.017" in line for line in lines)
+
+
+@pytest.mark.long
+def test_a_first_look_is_at_the_joints_that_were_asked_for(tmp_path: Path) -> None:
+    """It ignored joints=."""
+    data, _ = hidden_everyday(replace(drawn(1, 101), duration=7.0, runs=3), tmp_path)
+    found = first_look(data, Request(), ["tilt"])
+    assert list(found.joints) == ["tilt"] and found.latency is None
+    with pytest.raises(SealegsError, match="no joint 'lift'"):
+        first_look(data, Request(), ["lift"])
 
 
 @pytest.mark.long
