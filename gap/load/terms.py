@@ -5,7 +5,8 @@ six: of all that hangs behind the joint, per kilogram of a payload at the end of
 centre of mass of the joint's own body lies further from the joint, per square of that, per kg.m2 that this body has
 more about the joint's axis, and of springs and weight compensation that the robot's file has. The replay adds the
 blocks up with the numbers of :mod:`sealegs.gap.replay.constants`, so that a fit may turn those without MuJoCo
-(:mod:`sealegs.gap.load.tree` makes the rows).
+(:mod:`sealegs.gap.load.tree` makes the rows). The last column is what the drives of all other joints draw from the
+supply, as logged.
 """
 
 from __future__ import annotations
@@ -26,4 +27,5 @@ T_SIZE = 6  # columns of a block
 T_SPIN = 4  # block of the inertia of the joint's own body
 T_PASSIVE = 5  # block of springs and the like
 T_BLOCKS = 6
-T_COLUMNS = T_OWN + T_BLOCKS * T_SIZE
+T_DRAWN = T_OWN + T_BLOCKS * T_SIZE  # column of what other joints draw [A]
+T_COLUMNS = T_DRAWN + 1

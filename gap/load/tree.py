@@ -17,7 +17,7 @@ import numpy as np
 from ...envs.described.model_file import tip_of
 from ..log.types import Array
 from .dynamics import Dynamics, single_joints
-from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_COLUMNS, T_OWN, T_SIZE
+from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_DRAWN, T_OWN, T_SIZE
 from .ties import Turned, moved_by
 
 NO_SAME_FRAME = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
@@ -142,10 +142,10 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
         rows.append(spin_block(model, joint, motion))
     else:
         rows += [np.zeros_like(own)] * 4
-    rows.append(passive_block(model, joint, motion))
+    rows += [passive_block(model, joint, motion), np.zeros((len(own), 1))]  # what others draw is no matter of bodies
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:
-        for first in range(T_OWN, T_COLUMNS, T_SIZE):
+        for first in range(T_OWN, T_DRAWN, T_SIZE):
             _reverse(table[:, first : first + T_SIZE])
     return table
 

@@ -34,6 +34,9 @@ class Constants(NamedTuple):
     reference: float = 0.0  # temperature at which nothing is lost [degC]
     motor: float = 0.0  # where the motor constant stands in the program; 0: it does not change
     constant: float = 0.0  # motor constant at the reference [N.m/A]
+    supply: float = 0.0  # where the volts of the supply stand in the program; 0: it has none, or a stiff one
+    volts: float = 0.0  # of the supply while nothing is drawn [V]
+    sag: float = 0.0  # its resistance [ohm]
     tree: float = 0.0  # 1: a hinge, 2: a slide of a robot whose other joints move as measured; its terms are given
     mass: float = 1.0  # factor on what hangs behind the joint
     payload: float = 0.0  # at its end [kg]

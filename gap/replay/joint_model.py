@@ -254,6 +254,8 @@ class JointModel:
                 motor=motor,
                 constant=program[motor] / chain.magnetisation(),
             )
+        if (supply := chain.find("supply")) is not None and supply.resistance > 0.0:
+            numbers = numbers._replace(supply=chain.address("supply.volts"), volts=supply.volts, sag=supply.resistance)
         numbers = numbers._replace(**self._coupling(numbers), **integral_constants(chain, program))
         return np.array(numbers._replace(**load.along_log(self.axis.slide)), float)
 

@@ -34,6 +34,7 @@ from ..load.terms import (
     E_SIZE,
     E_SLOPE,
     E_SPEED,
+    T_DRAWN,
     T_OWN,
     T_PASSIVE,
     T_SIZE,
@@ -241,11 +242,13 @@ def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, 
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0
-    motor = int(k[K.motor])
+    motor, supply = int(k[K.motor]), int(k[K.supply])
     for j in range(n):
         if motor > 0:
             p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
         if tree:
+            if supply > 0:
+                p[supply] = k[K.volts] - k[K.sag] * terms[j, T_DRAWN]
             for c in range(E_SIZE):
                 before[c] = e[c] = after[c]
             if j + 1 < n:

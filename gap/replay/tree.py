@@ -15,7 +15,7 @@ from ...envs.described.robot_described import stated
 from ...envs.engine.model_ties import Follower, followers_of, home_of
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
-from ..load.terms import E_COUPLING, E_INERTIA, E_POSITION, E_SLOPE, T_OWN, T_SIZE, T_SPIN
+from ..load.terms import E_COUPLING, E_INERTIA, E_POSITION, E_SLOPE, T_DRAWN, T_OWN, T_SIZE, T_SPIN
 from ..load.tree import Motion, is_passive, least_payload, own_lever, passive_torques, terms_along, tip_behind, tip_mass
 from ..load.tree_load import TreeLoad
 from ..log.finding import Finding
@@ -316,11 +316,23 @@ def terms_of(
     """
     frame = robot.frame(joint)
     found = []
-    for motion in motions or [motion_of(robot, run) for run in runs]:
+    for run, motion in zip(runs, motions or [motion_of(robot, run) for run in runs], strict=True):
         terms = terms_along(robot.model, robot.number(joint), motion, frame.sign, changes=changes)
         terms[:, E_POSITION] = frame.sign * terms[:, E_POSITION] + frame.zero
+        terms[:, T_DRAWN] = drawn_beside(run, joint)
         found.append(terms)
     return found
+
+
+def drawn_beside(run: MeasuredRun, joint: str) -> np.ndarray:
+    """What the drives of all joints but one draw from the supply (n,) [A], where duty and current were logged: a bridge
+    draws its duty times the motor's current, and returns nothing.
+    """
+    drawn = np.zeros(len(run.time))
+    for name, log in run.joints.items():
+        if name != joint and log.duty is not None and log.current is not None:
+            drawn += np.maximum(np.nan_to_num(log.duty * log.current), 0.0)
+    return drawn
 
 
 def held_terms(
