@@ -13,6 +13,7 @@ from .types import LogError, MeasuredRun
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
 SEARCH = 1.5  # [s] before that in which a quiet start is looked for
 STATE_SAMPLES = 2.5  # periods either side of a sample, at least, over which its speed is read
+AWAY = 0.5  # [1/s] of the range of a motion, by which a speed must be read better to be read at an end of a search
 SLOPE = 0.03  # [s] either side of a sample over which its speed is read, and twice that
 QUIET = 0.05  # [s] either side of a sample over which its motion is judged
 # of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
@@ -203,8 +204,8 @@ def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: floa
 
 
 def steady(time: np.ndarray, position: np.ndarray, command: np.ndarray, earliest: float, latest: float) -> int:
-    """Sample between two times at which a speed is read best: its motion bends least, and no command that may still be
-    under way has jumped.
+    """Sample in the middle of two times, or another between them at which a speed is read far better: the motion bends
+    less there, and no command that may still be under way has jumped.
 
     Args:
         time, position: of a run (n,).
@@ -222,7 +223,9 @@ def steady(time: np.ndarray, position: np.ndarray, command: np.ndarray, earliest
     span = float(np.nanmax(command) - np.nanmin(command)) if np.isfinite(command).any() else 0.0
     jumps = np.nan_to_num(np.abs(np.diff(command, prepend=command[:1]))) * np.ptp(position) / max(span, 1e-12)
     recent = np.array([jumps[max(k - 2 * reach, 0) : k + 1].max() for k in samples]) / (2.0 * SLOPE)
-    return int(samples[np.argmin(np.abs(slope(reach) - slope(2 * reach)) + recent)])
+    middle, half = 0.5 * (earliest + latest), 0.5 * (latest - earliest)
+    away = AWAY * np.ptp(position) * np.abs(time[samples] - middle) / half
+    return int(samples[np.argmin(np.abs(slope(reach) - slope(2 * reach)) + recent + away)])
 
 
 def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = SLOPE) -> tuple[float, float]:
