@@ -135,7 +135,8 @@ def named_first(row: Mapping[str, Any], joint: str) -> tuple[str, dict[str, Any]
     own, shared = row["joints"][joint], {c["name"]: c for c in row["joints"].get(ROBOT, {"causes": []})["causes"]}
     first = own["causes"][0] if own["causes"] else None
     shares = own["shared"] if isinstance(own["shared"], Mapping) else dict.fromkeys(list(shared)[:1], own["shared"])
-    most = max((name for name in shares if name in shared), key=lambda name: shares[name], default=None)
+    ordered = sorted((name for name in shares if name in shared), key=lambda name: -float(shares[name] or 0.0))
+    most = next(iter(ordered), None)
     if most is not None and (first is None or shares[most] >= first["share"]):
         return ROBOT, shared[most]
     return None if first is None else (joint, first)
