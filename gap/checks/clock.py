@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..log.finding import Finding
-from ..log.gaps import PERIODS, gaps
+from ..log.gaps import GAP_PERIODS, gaps
 from ..log.parts import WARM_UP
 from ..log.types import MeasuredRun
 
@@ -21,7 +21,7 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
     """Yield what is wrong with the sampling of a run."""
     steps = np.diff(run.time)
     period = float(np.median(steps))
-    regular = steps[steps <= PERIODS * period]
+    regular = steps[steps <= GAP_PERIODS * period]
     spread = float(np.std(regular) / period)
     if spread > IRREGULAR_PERIOD_SPREAD:
         yield Finding(

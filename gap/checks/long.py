@@ -16,7 +16,7 @@ import numpy as np
 from pyarrow import parquet
 
 from ..log.finding import Finding
-from ..log.gaps import PERIODS
+from ..log.gaps import GAP_PERIODS
 from ..log.progress import Progress
 from ..log.reader import iterate_runs, log_files, read_measured
 from ..log.types import LogError, MeasuredRun, MeasuredSet
@@ -164,7 +164,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
         used = 0
         while used + size <= len(joined.time):
             part = _part(joined, used, used + size)
-            if float(np.diff(part.time).max()) <= PERIODS * period:
+            if float(np.diff(part.time).max()) <= GAP_PERIODS * period:
                 starts.append(begin + used)
                 features.append(describe(part))
             used += size

@@ -11,20 +11,20 @@ from .stretches import stretches
 from .types import LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
-SEARCH = 1.5  # [s] before that in which a quiet start is looked for
+QUIET_SEARCH = 1.5  # [s] before that in which a quiet start is looked for
 STATE_SAMPLES = 2.5  # periods either side of a sample, at least, over which its speed is read
 AWAY = 0.5  # [1/s] of the range of a motion, by which a speed must be read better to be read at an end of a search
 SLOPE = 0.03  # [s] either side of a sample over which its speed is read, and twice that
-QUIET = 0.05  # [s] either side of a sample over which its motion is judged
+QUIET_REACH = 0.05  # [s] either side of a sample over which its motion is judged
 # of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
 # play the link lies
-START, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] between which that lies
-SWING = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
-PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
-PIECE = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
+START_SHARE, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] between which that lies
+SWING_SHARE = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
+FEWEST_PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
+PIECE_LENGTH = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
 ENOUGH_RUNS = 6
 LEAST_FREE = 0.5  # [s] that is judged at least between two stretches in which something touches what a joint moves
-LONG = 60.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
+LONG_RUN = 60.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
 FIT_A, FIT_B, TEST = 0, 1, 2
 
 
@@ -113,7 +113,7 @@ def _dealt(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> l
         units: list[Unit] = []
         for k in range(len(runs)):
             if [k] == [*order]:  # the only one that is left: both parts need pieces of it
-                units += _pieces(runs, k, joint, PIECES, 2)
+                units += _pieces(runs, k, joint, FEWEST_PIECES, 2)
             else:
                 units.append(_unit(runs, k, joint, order[k] % 2 if k in order else TEST, 0.0, 1.0))
         return units
@@ -123,10 +123,10 @@ def _dealt(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> l
             return [_unit(runs, k, joint, names.index(g) % 3, 0.0, 1.0) for k, g in enumerate(groups)]
         if windows:  # of long logs were dealt out as they were chosen
             return [_unit(runs, k, joint, int(run.meta["excerpt"]), 0.0, 1.0) for k, run in enumerate(runs)]
-    least = max(PIECES, -(-ENOUGH_RUNS // len(runs)))
+    least = max(FEWEST_PIECES, -(-ENOUGH_RUNS // len(runs)))
     dealt: list[Unit] = []
     for k, run in enumerate(runs):
-        if len(runs) >= ENOUGH_RUNS and run.time[-1] - run.time[0] < LONG:
+        if len(runs) >= ENOUGH_RUNS and run.time[-1] - run.time[0] < LONG_RUN:
             dealt.append(_unit(runs, k, joint, (k + k // 3) % 3, 0.0, 1.0))
         else:
             dealt += _pieces(runs, k, joint, least, 3, k)
@@ -156,8 +156,8 @@ def _groups(runs: Sequence[MeasuredRun]) -> list[str]:
 def _pieces(runs: Sequence[MeasuredRun], k: int, joint: str, least: int, parts: int, shift: int = 0) -> Iterator[Unit]:
     """A run in so many pieces at least, dealt to the first so many parts in turn from part ``shift`` on."""
     length = float(runs[k].time[-1] - runs[k].time[0])
-    count = max(least, round(length / PIECE))
-    if parts == 3 and length >= LONG:
+    count = max(least, round(length / PIECE_LENGTH))
+    if parts == 3 and length >= LONG_RUN:
         shift = _first(runs[k], joint, count)
     for piece in range(count):
         yield _unit(runs, k, joint, (piece + shift) % parts, piece / count, (piece + 1) / count)
@@ -181,14 +181,16 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
     span = time[-1] - time[0]
     first, last = time[0] + begin * span, time[0] + end * span
     start = (
-        _quiet(time, runs[k].joints[joint].position, first - SEARCH - WARM_UP, first - WARM_UP) if begin > 0.0 else 0
+        _quiet(time, runs[k].joints[joint].position, first - QUIET_SEARCH - WARM_UP, first - WARM_UP)
+        if begin > 0.0
+        else 0
     )
-    swing = min(max(START * span, LEAST_START), MOST_START)
+    swing = min(max(START_SHARE * span, LEAST_START), MOST_START)
     if runs[k].joints[joint].link_position is not None:
-        swing = min(SWING * span, WARM_UP)
+        swing = min(SWING_SHARE * span, WARM_UP)
     judged = int(np.searchsorted(time, first if begin > 0.0 else first + swing))
     if begin == 0.0 and "excerpt" in runs[k].meta:  # a window of a long log: something came before it
-        start = _quiet(time, runs[k].joints[joint].position, first, first + SEARCH)
+        start = _quiet(time, runs[k].joints[joint].position, first, first + QUIET_SEARCH)
         judged = int(np.searchsorted(time, time[start] + WARM_UP))
     stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
     return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint].position, start))
@@ -198,7 +200,7 @@ def _quiet(time: np.ndarray, position: np.ndarray, earliest: float, latest: floa
     """Sample between two times at which the joint moves least: there both sides of a play or spring likely rest."""
     a, b = np.searchsorted(time, [earliest, latest])
     samples = np.arange(a, max(b, a + 1))
-    reach = max(round(QUIET / float(np.median(np.diff(time)))), 1)
+    reach = max(round(QUIET_REACH / float(np.median(np.diff(time)))), 1)
     before, after = np.maximum(samples - reach, 0), np.minimum(samples + reach, len(time) - 1)
     return int(samples[np.argmin(np.abs(position[after] - position[before]))])
 

@@ -18,18 +18,18 @@ from .types import Array, LogError, MeasuredRun
 TorqueSide = Literal["shaft", "drive"]
 Reason = Literal["said", "shown", "assumed"]
 SIDES: tuple[TorqueSide, ...] = ("shaft", "drive")
-IN_IT = 0.1
+FRICTION_SHARE = 0.1
 """Share of the believed friction from which a torque has friction in it: half of the least that a refit allows it."""
-TAKEN = 0.25
+TAKEN_SHARE = 0.25
 """The same of what a drive's torque lost on its way to the shaft, which the model of its motor may have wrong as well:
 half of a friction that is half of what is believed."""
-NEAR = math.log(2.0)
+NEAR_INERTIA = math.log(2.0)
 """Logarithm of the factor by which a load's inertia may be off on the side that it speaks for; assumed."""
-CLEAR = math.log(1.2)
+CLEAR_MARGIN = math.log(1.2)
 """On the other side it must be off by twice as much and this beside: a load is known to a fifth or so, assumed."""
-LEAST = 0.01
+SLIGHT_SHARE = 0.01
 """Size of a part of a torque, over that of all of it, up to which the part does not show; assumed."""
-SURE = 2.0
+SURE_DEVIATIONS = 2.0
 """Standard deviations by which a share must be on one side of its limit."""
 
 
@@ -80,16 +80,18 @@ def side_by_load(torque: Array, load: Array, armature: Array, friction: Array, b
         return None
     if all(_slight(column, inside) for column in load.T):  # an empty shaft: a sensor behind the gear reads nothing
         share, spread = numbers_and_spread(np.column_stack([inside, np.ones_like(torque)]), torque, block)
-        return _side(share[0], spread[0], IN_IT)
+        return _side(share[0], spread[0], FRICTION_SHARE)
     table = np.column_stack([load, friction, np.ones_like(torque)])
     numbers, spread = numbers_and_spread(table, torque, block)
     scale = abs(float(numbers[1]))
-    if scale <= SURE * spread[1]:  # how large the load is in the column does not show
+    if scale <= SURE_DEVIATIONS * spread[1]:  # how large the load is in the column does not show
         return None
-    by_friction = None if _slight(friction, torque) else _side(numbers[2] / scale, spread[2] / scale, IN_IT)
+    by_friction = None if _slight(friction, torque) else _side(numbers[2] / scale, spread[2] / scale, FRICTION_SHARE)
     alike = float(np.linalg.lstsq(table, armature, rcond=None)[0][0])  # inertia of the load that acts as the armature
     inertia = float(np.sign(numbers[1]) * numbers[0])
-    by_armature = _by_inertia({"shaft": inertia / scale, "drive": (inertia - alike) / scale}, SURE * spread[0] / scale)
+    by_armature = _by_inertia(
+        {"shaft": inertia / scale, "drive": (inertia - alike) / scale}, SURE_DEVIATIONS * spread[0] / scale
+    )
     if by_friction is not None and by_armature is not None and by_friction != by_armature:
         return None
     return by_friction or by_armature
@@ -117,9 +119,9 @@ def side_by_drive(torque: Array, given: Array, inside: Array, speed: Array, bloc
     left = [float(((torque - table @ numbers) ** 2).sum()) for table, (numbers, _) in zip(tables, found, strict=True)]
     numbers, spread = found[int(np.argmin(left))]
     scale = float(numbers[0])
-    if abs(scale) <= SURE * spread[0]:
+    if abs(scale) <= SURE_DEVIATIONS * spread[0]:
         return None
-    side = _side(numbers[1] / scale, spread[1] / abs(scale), TAKEN)
+    side = _side(numbers[1] / scale, spread[1] / abs(scale), TAKEN_SHARE)
     return None if side is None else SIDES[1 - SIDES.index(side)]  # what is taken is not in it
 
 
@@ -134,7 +136,7 @@ def numbers_and_spread(table: Array, torque: Array, block: np.ndarray) -> tuple[
 
 def _slight(part: Array, torque: Array) -> bool:
     """Whether a part of a torque is too little to show in it."""
-    return float(np.std(part)) <= LEAST * float(np.std(torque))
+    return float(np.std(part)) <= SLIGHT_SHARE * float(np.std(torque))
 
 
 def _by_inertia(ratios: Mapping[TorqueSide, float], reach: float) -> TorqueSide | None:
@@ -147,7 +149,7 @@ def _by_inertia(ratios: Mapping[TorqueSide, float], reach: float) -> TorqueSide 
     for side, other in (SIDES, SIDES[::-1]):
         worst = max(_off(ratios[side] + end) for end in (-reach, reach))
         best = 0.0 if abs(ratios[other] - 1.0) < reach else min(_off(ratios[other] + end) for end in (-reach, reach))
-        if worst < NEAR and best > 2.0 * worst + CLEAR:
+        if worst < NEAR_INERTIA and best > 2.0 * worst + CLEAR_MARGIN:
             return side
     return None
 
@@ -159,9 +161,9 @@ def _off(ratio: float) -> float:
 
 def _side(share: float, spread: float, limit: float) -> TorqueSide | None:
     """The side of a column that has a share of what is inside the drive in it, with either sign."""
-    if abs(share) - SURE * spread > limit:
+    if abs(share) - SURE_DEVIATIONS * spread > limit:
         return "drive"
-    return "shaft" if abs(share) + SURE * spread < limit else None
+    return "shaft" if abs(share) + SURE_DEVIATIONS * spread < limit else None
 
 
 def side_note(joint: str, side: TorqueSide, why: Reason) -> Finding:

@@ -20,7 +20,7 @@ from ..checks.recording import DRIVE_LOOP_PERIOD, a_moment_tells
 from ..checks.signal import derivatives, typical_noise
 from ..load.efforts import EFFORTS, predicted
 from ..log.parts import Unit
-from ..log.torque_side import SIDES, SURE, Reason, TorqueSide, numbers_and_spread, said_side, side_by_drive
+from ..log.torque_side import SIDES, SURE_DEVIATIONS, Reason, TorqueSide, numbers_and_spread, said_side, side_by_drive
 from ..log.types import Array, JointLog, LogError, MeasuredRun
 from .constants import K
 from .driven_simulator import CHANNELS, replay_driven_many
@@ -260,10 +260,10 @@ def read_before_goal(problem: DrivenProblem) -> bool:
     table = _about_means(np.column_stack([problem.measured[good, 0], *free]), unit)
     numbers, spread = numbers_and_spread(table[:, 1:], table[:, 0], problem.block[good])
     scale = abs(float(numbers[0]))
-    if scale <= SURE * spread[0]:
+    if scale <= SURE_DEVIATIONS * spread[0]:
         return False
     rows = float(numbers[1] / numbers[0])
-    return abs(rows - 1.0) + SURE * float(spread[1]) / scale < HALF_A_ROW
+    return abs(rows - 1.0) + SURE_DEVIATIONS * float(spread[1]) / scale < HALF_A_ROW
 
 
 def _about_means(table: Array, unit: np.ndarray) -> Array:

@@ -25,7 +25,7 @@ from .one_run import joined, paired
 from .positions import PERCENT
 from .proposal import Proposal, propose
 from .readers import read_recordings, read_source
-from .recording import RECORDED, Recording
+from .recording import FEWEST_RECORDED, Recording
 from .robot import Robot, asked_robot, robot_of
 from .show import proposal_text
 from .sidecars import (
@@ -168,7 +168,7 @@ def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
     samples: Counter[tuple[str, frozenset[str]]] = Counter()
     for recording in recordings:
         key = recording.kind, frozenset(recording.columns)
-        count[key] += recording.length >= RECORDED
+        count[key] += recording.length >= FEWEST_RECORDED
         samples[key] += recording.length
     kind, columns = max(samples, key=lambda key: (count[key], samples[key]))
     alike = [one for one in recordings if one.kind == kind and columns == one.columns.keys()]

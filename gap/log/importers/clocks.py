@@ -16,12 +16,12 @@ from .names import Claim, said
 from .recording import Recording
 from .units import measures
 
-SLOWEST, FASTEST = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
-FASTEST_USUAL = 1e-4  # [s] of the fastest logs that are usual
-CLOCKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": 86400.0}
+SLOWEST_PERIOD, FASTEST_PERIOD = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
+FASTEST_USUAL_PERIOD = 1e-4  # [s] of the fastest logs that are usual
+SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": 86400.0}
 """Units of clocks [s]; days are those of spreadsheets, since 1900."""
-SPREADSHEET = (2e4, 8e4)  # [d] of 1954 to 2119
-SINCE_1970 = (9e8, 4.2e9)  # [s] of 1998 to 2103
+SPREADSHEET_DAYS = (2e4, 8e4)  # [d] of 1954 to 2119
+SECONDS_SINCE_1970 = (9e8, 4.2e9)  # [s] of 1998 to 2103
 DAYS_OF_1970 = 25569.0
 NEVER = "it never changes"
 PERIODS = frozenset(["dt", "deltat", "period", "duration"])
@@ -34,9 +34,9 @@ STAMP = re.compile(r"(?P<stem>.*?)[._/ -]?(?:(?P<whole>[sS]ecs?)|(?P<ms>(?i:mill
                    r"|(?P<ns>(?i:nano|n)(?i:secs?)))?")  # fmt: skip
 """A stamp in two columns: its whole seconds, and the part of a second by its unit."""
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
-DISORDER = 0.01
+DISORDER_SHARE = 0.01
 """Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
-OVERLAP = 0.5
+OVERLAP_SHARE = 0.5
 """Share of the longest recording for which all run, of joints that were recorded together."""
 HELD = frozenset(["goal", "goal_velocity", "torque_command", "enabled"])
 """Signals that hold until the next one is sent."""
@@ -61,14 +61,20 @@ def clock_units(time: Array) -> list[str]:
     steps = np.diff(known)
     if len(steps) < 2 or (steps < 0).any() or np.median(steps) <= 0.0:
         return []
-    step, in_days = float(np.median(steps)), SPREADSHEET[0] < known[0] < SPREADSHEET[1]
-    return [unit for unit, second in CLOCKS.items() if FASTEST <= step * second <= SLOWEST and (unit != "d" or in_days)]
+    step, in_days = float(np.median(steps)), SPREADSHEET_DAYS[0] < known[0] < SPREADSHEET_DAYS[1]
+    return [
+        unit
+        for unit, second in SECONDS_IN_UNIT.items()
+        if FASTEST_PERIOD <= step * second <= SLOWEST_PERIOD and (unit != "d" or in_days)
+    ]
 
 
 def units_of_the_day(time: Array) -> list[str]:
     """Units in which a clock is of the day; none where it may begin at any time."""
-    since = {unit: CLOCKS[unit] * (time[0] - (DAYS_OF_1970 if unit == "d" else 0.0)) for unit in clock_units(time)}
-    return [unit for unit, seconds in since.items() if SINCE_1970[0] < seconds < SINCE_1970[1]]
+    since = {
+        unit: SECONDS_IN_UNIT[unit] * (time[0] - (DAYS_OF_1970 if unit == "d" else 0.0)) for unit in clock_units(time)
+    }
+    return [unit for unit, seconds in since.items() if SECONDS_SINCE_1970[0] < seconds < SECONDS_SINCE_1970[1]]
 
 
 def together(times: Sequence[Array]) -> bool:
@@ -79,7 +85,7 @@ def together(times: Sequence[Array]) -> bool:
 def overlap(times: Sequence[Array]) -> bool:
     """Whether recordings ran side by side for most of the longest."""
     begin, end = max(time[0] for time in times), min(time[-1] for time in times)
-    return bool(end - begin > OVERLAP * max(time[-1] - time[0] for time in times))
+    return bool(end - begin > OVERLAP_SHARE * max(time[-1] - time[0] for time in times))
 
 
 def held(time: Array, values: Array, at: Array) -> Array:
@@ -171,7 +177,7 @@ def _is_stamp(whole: Array, part: Array, count: float) -> bool:
     if len(seconds) < 3 or not whole_numbers(seconds) or parts.min() < 0.0 or parts.max() >= count:
         return False
     steps = np.diff(seconds - seconds[0] + parts / count)
-    return FASTEST <= float(np.median(steps)) <= SLOWEST and bool((steps < 0.0).mean() <= DISORDER)
+    return FASTEST_PERIOD <= float(np.median(steps)) <= SLOWEST_PERIOD and bool((steps < 0.0).mean() <= DISORDER_SHARE)
 
 
 def _summed_stamp(recording: Recording, whole: str, part: str, unit: str) -> Line:
@@ -211,7 +217,7 @@ def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:
         if isinstance(value, str) or not value > 0.0 or not (rate or STEP.fullmatch(name)):
             continue
         step = 1.0 / value if rate else value * (known.factor if known else 1.0)
-        if FASTEST <= step <= SLOWEST:
+        if FASTEST_PERIOD <= step <= SLOWEST_PERIOD:
             text = f"row/{quoted(name)}" if rate else f"row*{quoted(name)}{known.behind if known else ''}"
             return Clock(
                 "row", Line(text, "s", LIKELY, f"there is no clock, and {name} is {value:g}: {1.0 / step:.4g} Hz")
@@ -226,7 +232,7 @@ def _no_clock(recording: Recording, faults: dict[str, str]) -> Clock:
 def _summed(name: str, periods: Array) -> Line:
     """The time as the sum of the sample periods in a column."""
     period, spoken = float(np.nanmedian(periods)), said(name).unit
-    units = [unit for unit in ("s", "ms", "us") if FASTEST <= period * CLOCKS[unit] <= SLOWEST]
+    units = [unit for unit in ("s", "ms", "us") if FASTEST_PERIOD <= period * SECONDS_IN_UNIT[unit] <= SLOWEST_PERIOD]
     unit = spoken if spoken in units else next(iter(units), "s")
     ask = f"is {quoted(name)} the time from one sample to the next, in {unit}?"
     why = f"sum of the sample periods, {period:.4g} {unit}"
@@ -249,11 +255,11 @@ def _line(name: str, values: Array, spoken: str, by_format: bool, told: bool) ->
         return Line(
             column, "?", ASK, f"steps of {step:g} are no sample period in {spoken or 'any unit'}: write seconds"
         )
-    usual = [unit for unit in possible if step * CLOCKS[unit] > 0.99 * FASTEST_USUAL]
+    usual = [unit for unit in possible if step * SECONDS_IN_UNIT[unit] > 0.99 * FASTEST_USUAL_PERIOD]
     since = units_of_the_day(values)
     unit = since[0] if len(since) == 1 and len(usual) > 1 else possible[0]
     rates = [
-        f"{1.0 / (step * CLOCKS[one]):.5g} Hz in {one}"
+        f"{1.0 / (step * SECONDS_IN_UNIT[one]):.5g} Hz in {one}"
         for one in (usual if len(usual) > 1 and unit not in since else [unit])
     ]
     why = "days, as of a spreadsheet, " if unit == "d" else ""
@@ -282,7 +288,7 @@ def clock_fault(values: Array) -> str:
         where = f"it jumps back in row {rows[0] + 1}, from {known[at]:g} to {known[at + 1]:g}"
         if any(0.95 * 2.0**bits < known[at] < 2.0**bits for bits in (16, 24, 32)):
             where += ", as a counter that overflows: write counter(<column>), in seconds. Else"
-        if len(rows) > DISORDER * len(known):
+        if len(rows) > DISORDER_SHARE * len(known):
             return f"{where}, and in {len(rows)} rows in all: put the rows into their order, or record again"
         if len(rows) > 1:
             further = ", ".join(str(row + 1) for row in rows[1:4])

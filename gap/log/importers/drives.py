@@ -20,7 +20,7 @@ from .proposal import Proposal
 from .recording import Recording
 
 Chain = str | list[dict[str, Any]]
-USUAL = 0.7
+USUAL_GAIN_SHARE = 0.7
 """Share of the rows from which a gain is the drive's; the other rows are left out."""
 GAIN_UNITS = {"stiffness": "N.m/rad", "damping": "N.m.s/rad"}
 PLAIN_UNITS = ("rad", "m", "rad/s", "m/s", "N.m", "N")
@@ -96,7 +96,7 @@ def impedance_chains(
             register = "" if beside else "; where it is a register of a servo, replace the chain under sidecar"
             out.unused[gain.column] = f"the {what} of {joint}'s chain [{GAIN_UNITS[what]}]{register}"
         changing = [gain for gain in (stiffness, damping) if gain.share < 1.0]
-        if stiffness.value <= 0.0 or any(gain.share < USUAL for gain in changing):
+        if stiffness.value <= 0.0 or any(gain.share < USUAL_GAIN_SHARE for gain in changing):
             for gain in changing or (stiffness,):
                 out.unused[gain.column] = (
                     f"it is {gain.value:g} in {gain.share:.0%} of the rows, so no chain holds for {joint}: compute the "

@@ -21,12 +21,12 @@ from ..types import Array, LogError
 PLAIN = re.compile(r"[A-Za-z_][\w.\[\]]*")
 """Names that need no backquotes: words, with the dots and indices of flattened fields."""
 NAMES = re.compile(rf"`([^`]+)`|(?<![\w.])({PLAIN.pattern})(\s*\()?")
-COUNTERS = (8, 16, 24, 32)  # [bit]
+COUNTER_BITS = (8, 16, 24, 32)  # [bit]
 SIGN_BITS = (10, 15)
 """Bits that servos keep a sign in: of a load or a duty, of a speed or a current."""
-STEADIER = 0.4
+STEADIER_SHARE = 0.4
 """Share of the longest jump of its counts that a register with a sign has at most once that is read."""
-LONGEST, DEEPEST = 20_000, 50
+LONGEST_EXPRESSION, DEEPEST_NESTING = 20_000, 50
 """Letters of an expression, and brackets or signs within each other, at most."""
 
 
@@ -43,7 +43,7 @@ def passing(function: Callable[[Array], Array]) -> Callable[[Any], Array]:
 
 
 def _without_overflows(counts: Array) -> Array:
-    size = next((2.0**bits for bits in COUNTERS if counts.max(initial=0.0) < 2**bits), 0.0)
+    size = next((2.0**bits for bits in COUNTER_BITS if counts.max(initial=0.0) < 2**bits), 0.0)
     return counts + size * np.cumsum(np.diff(counts, prepend=counts[:1]) < -0.5 * size)
 
 
@@ -89,7 +89,7 @@ def signed_reading(name: str, values: Array) -> str:
         return float(np.abs(np.diff(evaluate(text, {name: counts}, name))).max())
 
     best = min(ways, key=jump, default="")
-    return best if best and jump(best) < STEADIER * jump(column) else ""
+    return best if best and jump(best) < STEADIER_SHARE * jump(column) else ""
 
 
 CONSTANTS = {"pi": math.pi}
@@ -186,7 +186,11 @@ def _parsed(text: str) -> tuple[ast.expr, dict[str, str]]:
 
     plain = NAMES.sub(shortened, text)
     nested = np.cumsum([(sign in "([") - (sign in ")]") for sign in plain] or [0])
-    if len(text) > LONGEST or nested.max() > DEEPEST or re.search(rf"(?:[-+~]\s*|\*\*\s*){{{DEEPEST},}}", plain):
+    if (
+        len(text) > LONGEST_EXPRESSION
+        or nested.max() > DEEPEST_NESTING
+        or re.search(rf"(?:[-+~]\s*|\*\*\s*){{{DEEPEST_NESTING},}}", plain)
+    ):
         raise LogError(f"'{text[:40]}...' is nested too deeply, or too long; write it shorter.")
     try:
         with warnings.catch_warnings(action="ignore"):

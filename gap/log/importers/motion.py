@@ -10,18 +10,18 @@ import numpy as np
 
 from ..types import Array
 
-TURN = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
+TURN_IN_UNIT = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
 """One turn in each unit of an angle."""
 STEP_TOLERANCE = 5e-5
-WINDOW = 0.1  # [s] over which motion is compared with the integral of its derivative
+MOTION_WINDOW = 0.1  # [s] over which motion is compared with the integral of its derivative
 LONGEST_LAG = 0.6  # [s]
 AGAINST_MARGIN = 0.1
 """Share of a motion by which it must go better against another one than along with it: of a swing both fit alike, half
 a period apart."""
-RARE_JUMPS = 0.1
+JUMP_SHARE = 0.1
 """Share of the changes of an angle up to which jumps by a turn are an encoder's; more are commanded steps."""
-BEYOND_NOISE = 3.0
-"""Times its noise that a column moves over :data:`WINDOW`; noise alone makes 1.4."""
+NOISE_FACTOR = 3.0
+"""Times its noise that a column moves over :data:`MOTION_WINDOW`; noise alone makes 1.4."""
 FEWEST_SAMPLES, MOST_SAMPLES = 50, 40_000
 
 
@@ -52,7 +52,7 @@ def encoder(values: Array) -> tuple[str, int] | None:
     step = _grid(values)
     if step <= 0.0 or abs(step - round(step, 3)) < 1e-9 * step:
         return None
-    turns = ((unit, counts, turn) for unit, turn in TURN.items() for bits in range(8, 19)
+    turns = ((unit, counts, turn) for unit, turn in TURN_IN_UNIT.items() for bits in range(8, 19)
              for counts in (2**bits, 2**bits - 1)[: 2 if bits < 15 else 1])  # fmt: skip
     return next((one[:2] for one in turns if abs(step * one[1] / one[2] - 1.0) < STEP_TOLERANCE), None)
 
@@ -83,7 +83,7 @@ def _unwound(values: Array) -> Array:
     steps = np.abs(np.diff(values))
     for turn in (360.0, 2.0 * math.pi):
         jumps = steps > 0.75 * turn
-        if 0.9 * turn < span(values) < 1.01 * turn and 0 < jumps.sum() < RARE_JUMPS * np.count_nonzero(steps):
+        if 0.9 * turn < span(values) < 1.01 * turn and 0 < jumps.sum() < JUMP_SHARE * np.count_nonzero(steps):
             out = np.unwrap(values, period=turn)
             return out if np.abs(np.diff(out)).max() < 0.25 * turn else values
     return values
@@ -100,12 +100,12 @@ def slope(first: Array, second: Array) -> Relation:
 
 
 def as_derivative(time: Array, position: Array, column: Array) -> Relation:
-    """A column against the derivative of a position: by way over :data:`WINDOW`, so that noise counts little."""
+    """A column against the derivative of a position: by way over :data:`MOTION_WINDOW`, so that noise counts little."""
     if not (known := _known(time, position, column)):
         return Relation()
     time, position, column = known
     way = np.concatenate([[0.0], np.cumsum(0.5 * (column[1:] + column[:-1]) * np.diff(time))])
-    late = np.searchsorted(time, time + WINDOW)
+    late = np.searchsorted(time, time + MOTION_WINDOW)
     ends = late < len(time)
     return slope(position[late[ends]] - position[ends], way[late[ends]] - way[ends]) if ends.any() else Relation()
 
@@ -114,7 +114,7 @@ def following(time: Array, first: Array, second: Array) -> Relation:
     """How much later than ``first`` ``second`` moves, by the best correlation of their ways over short times."""
     known = _known(time, first, second)
     period = float(np.median(np.diff(known[0]))) if known else 0.0
-    reach = max(round(WINDOW / period), 1) if period > 0.0 else 0
+    reach = max(round(MOTION_WINDOW / period), 1) if period > 0.0 else 0
     even = np.arange(known[0][0], known[0][-1], period)[:MOST_SAMPLES] if reach else np.zeros(0)
     if len(even) < 2 * max(reach, 1):
         return Relation()
@@ -136,10 +136,10 @@ def move_apart(time: Array, goal: Array, position: Array, share: float) -> bool:
     """Whether a goal moves, and a position by more than its noise, and not slowly after it: the goal explains less of
     it."""
     known = _known(time, goal, position)
-    reach = max(round(WINDOW / max(float(np.median(np.diff(known[0]))), 1e-9)), 1) if known else 0
+    reach = max(round(MOTION_WINDOW / max(float(np.median(np.diff(known[0]))), 1e-9)), 1) if known else 0
     if not known or np.ptp(known[1]) == 0.0 or len(known[0]) < 2 * reach:
         return False
     noise = float(np.sqrt(np.mean(np.diff(known[2], 2) ** 2) / 6.0))
     moved = float(np.sqrt(np.mean((known[2][reach:] - known[2][:-reach]) ** 2)))
     slow = slope(known[1], known[2])
-    return moved > BEYOND_NOISE * noise and (slow.scale <= 0.0 or slow.fit < share)
+    return moved > NOISE_FACTOR * noise and (slow.scale <= 0.0 or slow.fit < share)

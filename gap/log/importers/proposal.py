@@ -24,11 +24,11 @@ from .recording import Recording
 from .units import measures
 
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
-SPARSE = 0.5
+SPARSE_SHARE = 0.5
 """Share of the samples without a goal from which it is taken to hold between its changes."""
-REPEATED = 0.01
+REPEATED_SHARE = 0.01
 """Share of the rows up to which stamps that repeat are left out."""
-GARBAGE = 1e9
+LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
 AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
 
@@ -152,7 +152,7 @@ class _Proposer:
         if self.timed:
             steps = np.diff(self.clock(self.first))
             repeated = int((steps == 0.0).sum())
-            if 0 < repeated <= REPEATED * len(steps) + 1 and not (steps < 0.0).any():
+            if 0 < repeated <= REPEATED_SHARE * len(steps) + 1 and not (steps < 0.0).any():
                 self.out.keep[""] = [f"later({clock.line.text})"]
         lists = lists_of(self.first)
         taken = {*clock.unused, *names_in(clock.line.text), *(name for names in lists.values() for name in names)}
@@ -227,7 +227,7 @@ class _Proposer:
         """The goal of a joint, with how late its position comes, and what speaks against its being one."""
         values = run.columns[claim.column]
         known = np.isfinite(values)
-        sparse = bool(known.any()) and 1.0 - known.mean() > SPARSE
+        sparse = bool(known.any()) and 1.0 - known.mean() > SPARSE_SHARE
         steady = hold(values) if sparse else values
         goes = following(self.clock(run), steady, position.values)
         line = units.goal(claim, base, goes)
@@ -269,7 +269,7 @@ class _Proposer:
         known = np.abs(values[np.isfinite(values)])
         if signal in MEASURED_BY_MOTION and span(values) == 0.0:
             return f"a {signal} that never changes is not measured"
-        odd = known[(known > GARBAGE) | ((known > 0.0) & (known < GARBAGE**-20))]
+        odd = known[(known > LARGEST_WRITTEN) | ((known > 0.0) & (known < LARGEST_WRITTEN**-20))]
         if signal not in ("position", "goal") and len(odd):
             return f"it holds {odd[0]:.3g}, which is no {signal.replace('_', ' ')} but memory that nobody wrote"
         return ""

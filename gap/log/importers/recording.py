@@ -12,7 +12,7 @@ import numpy as np
 from ....common.documents import DocumentError, read_json, read_yaml
 from ..types import Array, LogError
 
-RECORDED = 10
+FEWEST_RECORDED = 10
 """Samples of a recording at least, where others are beside it."""
 
 

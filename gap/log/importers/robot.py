@@ -21,7 +21,7 @@ from .positions import PERCENT
 POSITIONS = ("position", "goal", "link_position")
 HALF_TURN = math.pi
 """[rad] by which a hinge may lie beyond its range: an unknown zero turns a joint by no more."""
-OUTER = 0.01
+OUTLIER_SHARE = 0.01
 """Share of the samples at either end that may be misread."""
 
 
@@ -110,7 +110,7 @@ class Robot:
             if signal not in POSITIONS or joint not in self.ranges or not len(finite) or name in said:
                 continue
             low, high, kind = self.ranges[joint]
-            least, most = (float(np.quantile(finite, share)) for share in (OUTER, 1.0 - OUTER))
+            least, most = (float(np.quantile(finite, share)) for share in (OUTLIER_SHARE, 1.0 - OUTLIER_SHARE))
             beyond, unit = (HALF_TURN, "rad") if kind == "hinge" else (high - low, "m")
             if least < low - beyond or most > high + beyond:
                 said[name] = (

@@ -13,7 +13,7 @@ from .lines import ASK, LIKELY
 from .proposal import Proposal
 from .recording import Recording
 
-WIDTH = 118
+LINE_WIDTH = 118
 MARKS = {ASK: "? ", LIKELY: "likely: "}
 
 
@@ -51,7 +51,7 @@ def proposal_text(
     margin = min(max((len(name) + len(text) for name, text, _ in entries), default=0) + 6, 60)
     for name, text, why in entries:
         head = f"  {name}: {text}".ljust(margin)
-        first_line, *more = textwrap.wrap(why, max(WIDTH - margin - 4, 40)) or [""]
+        first_line, *more = textwrap.wrap(why, max(LINE_WIDTH - margin - 4, 40)) or [""]
         lines.append(f"{head}  # {first_line}")
         lines += [" " * margin + f"  # {line}" for line in more]
     if proposal.where:
@@ -68,7 +68,7 @@ def proposal_text(
         lines.append("sidecar: # ${...} stands for a number or word of the file")
         lines.append(
             textwrap.indent(
-                yaml.safe_dump(dict(sidecar), sort_keys=False, allow_unicode=True, width=WIDTH), "  "
+                yaml.safe_dump(dict(sidecar), sort_keys=False, allow_unicode=True, width=LINE_WIDTH), "  "
             ).rstrip()
         )
     else:

@@ -32,13 +32,13 @@ from .recording import Recording
 from .robot import asked_robot
 
 BENCH = "bench"
-A_SLIP = 0.8
+MISSPELT_LIKENESS = 0.8
 """Likeness from which a word for a robot is a known one, misspelt."""
-ARM = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
+ROD_MASS = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
 UNMEASURED = {
     "unknown": ["zero", "friction", "armature"],
-    "notes": f"Neither the mass of the pendulum's rod was recorded ({ARM:g} kg are assumed) nor where the encoder's "
-    "zero is.",
+    "notes": f"Neither the mass of the pendulum's rod was recorded ({ROD_MASS:g} kg are assumed) nor where the "
+    "encoder's zero is.",
 }
 UNITS = {"mass": "kg", "length": "m", "arm_mass": "kg", "kp": "1", "vin": "V", "damping": "1", "max_amps": "A"}
 """Of the numbers that a recording of one servo says."""
@@ -211,7 +211,7 @@ def blanks(runs: Sequence[MeasuredRun]) -> dict[str, str]:
         out["robot"] = BLANK_ROBOT
     if len(run.joints) == 1 and all(one.robot in ("", BENCH) and not one.robot_params for one in runs):
         of = "" if run.robot else " of a bench"
-        out["robot_params" + " (of a bench)" * (not run.robot)] = BLANK_LOAD.format(of=of, arm=ARM)
+        out["robot_params" + " (of a bench)" * (not run.robot)] = BLANK_LOAD.format(of=of, arm=ROD_MASS)
     driven = [joint for joint, log in run.joints.items() if log.goal is not None and joint not in run.actuators]
     if driven and not is_robot_file(run.robot):  # a robot's file has the chains of its joints
         out["actuators"] = BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in driven)
@@ -246,7 +246,7 @@ def check_machine(whole: Sequence[MeasuredRun], runs: Sequence[MeasuredRun]) -> 
     """
     for run in whole:
         own = bool(run.robot) and run.robot not in ROBOTS and not is_robot_file(run.robot)
-        meant = nearest(run.robot, ROBOTS, A_SLIP) if own and run.robot.isalpha() else ""
+        meant = nearest(run.robot, ROBOTS, MISSPELT_LIKENESS) if own and run.robot.isalpha() else ""
         if meant:
             raise LogError(f"{run.name}: there is no robot '{run.robot}'{meant}; correct the key robot.")
         if own and run.robot_params:

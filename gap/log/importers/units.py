@@ -69,7 +69,7 @@ TORQUE = re.compile(
 )
 NUMBER = re.compile(r"(10(?:\^|\*\*)[-+]?\d+|\d*[.,]?\d+(?:e[-+]?\d+)?|pi|π|1/\d+)\s*[*x·]?\s*(?=[^\d\s.,/^*])")
 RATE = re.compile(r"(.+?)\s*(?:/|\bper\b|p(?=s\Z))\s*(?:(s|sec|second)|(min|minute)|(h|hour))\Z")
-LONGEST = 60
+LONGEST_UNIT = 60
 """Letters of what may be a unit: the time of its patterns grows with the square of them."""
 PREFIX = re.compile(rf"((?:{'|'.join(PREFIXES)})[ -]?|[numcdk])(.+)\Z")
 LIKE = re.compile(r".+(deg|degs|degrees?|rads?|radians?|turns|revs|rotations|revolutions|rpm|°)\Z")
@@ -133,7 +133,7 @@ def measures(unit: str, *quantities: str) -> Measure | None:
 
 def unit_of(text: str) -> str:
     """The unit that a text is, in brackets or without; empty where it is none that is understood whole."""
-    if len(text) > LONGEST:
+    if len(text) > LONGEST_UNIT:
         return ""
     plain = text.strip().strip("[]()").translate(str.maketrans("µμ", "uu")).lower()
     return _unit(" ".join(plain.split()))

@@ -15,9 +15,9 @@ from .cells import LONGEST_CELL
 from .documents import LINES, is_recording, read_json
 from .lerobot import is_lerobot, read_lerobot
 
-MOST = 2**36
+LARGEST_FILE = 2**36
 """Size of a recording that is read [B]: what reads it takes it in parts, or has a bound of its own."""
-DEEPEST = 4
+DEEPEST_FOLDER = 4
 """Folders below one in which recordings are looked for."""
 READERS: dict[tuple[str, ...], Callable[[Path], list[Recording]]] = {
     (*tables.ENDINGS, ".log"): tables.read_table,
@@ -95,7 +95,7 @@ def _in_folder(folder: Path, empty: dict[Path, NoRecording], depth: int = 0) -> 
             found.append((path, _read_one(path)))
         except NoRecording as fault:
             empty[path] = fault
-    if found or depth == DEEPEST:
+    if found or depth == DEEPEST_FOLDER:
         return found
     folders = (path for path in entries if path.is_dir() and not (path / FOLDER_DEFAULTS).is_file())
     for inner in folders:
@@ -107,7 +107,7 @@ def _read_one(path: Path) -> list[Recording]:
     """The recordings of one file, bag or data set, within bounds."""
     if not path.is_dir():
         try:
-            regular(path, MOST)
+            regular(path, LARGEST_FILE)
         except DocumentError as error:
             raise LogError(f"{path}: {error.problem}.") from None
     recordings = _read(path)

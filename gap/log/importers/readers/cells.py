@@ -14,9 +14,9 @@ import pandas as pd
 from ...types import Array
 from ..units import unit_of
 
-EXACT = 2**53
+LARGEST_EXACT = 2**53
 """Whole numbers beyond this one are not exact as float64."""
-DAY = 86400.0  # [s]
+SECONDS_A_DAY = 86400.0  # [s]
 STRAY_SHARE = 0.02
 """Share of cells that may be no number in a column of numbers."""
 MISSING = ("", "-", "--", "---", "nan", "null", "none", "n/a", "na", "inf", "-inf", "#n/a", "ovf")
@@ -35,7 +35,7 @@ DATES = ("", "%d.%m.%Y", "%Y/%m/%d", "%Y-%m-%d", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-
 TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H:%M", "")
 LONGEST_CELL = 300
 """Letters of a cell that may be a number, and of the name of a column."""
-LOOKED_AT = 1000
+CELLS_LOOKED_AT = 1000
 """Cells of a column of text that tell how it is written."""
 
 
@@ -105,7 +105,7 @@ def _numbers(cells: Any) -> Array:
     """Numbers as float64; whole ones beyond its digits are counted from the first that is known."""
     known = cells.dropna()
     if cells.dtype.kind in "iuO" and any(
-        isinstance(cell, int | np.integer) and abs(int(cell)) > EXACT for cell in known
+        isinstance(cell, int | np.integer) and abs(int(cell)) > LARGEST_EXACT for cell in known
     ):
         first = int(known.iloc[0])
         return np.array([np.nan if pd.isna(cell) else float(int(cell) - first) for cell in cells])
@@ -153,7 +153,7 @@ def _take_text(name: str, cells: Any, out: Cells) -> None:
         )
     values, seconds = _read(known)
     if values is None:
-        words = list(dict.fromkeys(known[:LOOKED_AT]))
+        words = list(dict.fromkeys(known[:CELLS_LOOKED_AT]))
         named = ", ".join(repr(word[:20]) for word in words[:3]) + ", ..." * (len(words) > 3)
         computed = f"formulas of a spreadsheet, which are not computed: export values ({formula[:20]!r})"
         out.left[name] = f"it holds {computed if formula else f'text, no numbers: {named}'}"
@@ -167,7 +167,7 @@ def _take_text(name: str, cells: Any, out: Cells) -> None:
 
 def _read(known: Any) -> tuple[Any, bool]:
     """Numbers of nearly all cells of a column, and whether these are seconds; None where they are none."""
-    sample = known.iloc[:: max(len(known) // LOOKED_AT, 1)]
+    sample = known.iloc[:: max(len(known) // CELLS_LOOKED_AT, 1)]
     readers = [(partial(_number, decimal=decimal), False) for decimal, form in GROUPED.items()
                if known.str.fullmatch(form).any()]  # fmt: skip
     readers += [(partial(_number, decimal=""), False), (_duration, True)]
@@ -205,4 +205,4 @@ def _stamp(cells: Any, form: str) -> Any:
 def _across_midnight(seconds: Array) -> Array:
     """Times of day that run on past midnight."""
     steps = np.diff(seconds, prepend=seconds[:1])
-    return seconds + DAY * np.cumsum(np.nan_to_num(steps) < -0.5 * DAY)
+    return seconds + SECONDS_A_DAY * np.cumsum(np.nan_to_num(steps) < -0.5 * SECONDS_A_DAY)

@@ -13,7 +13,7 @@ import pandas as pd
 from .....common.documents import RECORDING, DocumentError, parse_json, read_text
 from ...types import LogError
 from ..names import said
-from ..recording import RECORDED, NoRecording, Recording, plain_facts
+from ..recording import FEWEST_RECORDED, NoRecording, Recording, plain_facts
 from ..units import measures, unit_of
 from .cells import numeric_columns
 from .tables import ENDINGS, recording_of
@@ -21,7 +21,7 @@ from .trees import is_structures, recordings_of
 
 LINES = (".jsonl", ".ndjson")
 FEWEST_ROWS = 2
-SPARSE, FREE = 10, 1_000_000
+EMPTY_CELLS, FREE_CELLS = 10, 1_000_000
 """Times as many cells as have a value that a table of rows may have, beside those that are free."""
 OF_BAM = frozenset(["mass", "arm_mass", "length", "kp", "vin", "motor", "trajectory"])
 """What recorders of BAM say of a run, beside its entries."""
@@ -72,7 +72,7 @@ def is_recording(path: Path) -> bool:
     frame = (
         None if any(path.with_suffix(ending).is_file() for ending in ENDINGS) else _frame(content)[0]
     )  # which it describes
-    return frame is not None and len(frame) >= RECORDED and bool(numeric_columns(frame).columns)
+    return frame is not None and len(frame) >= FEWEST_RECORDED and bool(numeric_columns(frame).columns)
 
 
 def _content(path: Path) -> Any:
@@ -103,7 +103,7 @@ def _runs(content: Any) -> dict[str, Any]:
     whole = content if isinstance(content, Mapping) else {"runs": content}
     long = (len(vector) for value in whole.values() if is_structures(value) for one in value
             for vector in one.values()
-            if isinstance(vector, list) and len(vector) >= max(RECORDED, len(value)))  # fmt: skip
+            if isinstance(vector, list) and len(vector) >= max(FEWEST_RECORDED, len(value)))  # fmt: skip
     return {str(name): _arrays(value) for name, value in whole.items()} if any(long) else {}
 
 
@@ -135,7 +135,7 @@ def _frame(content: Any) -> tuple[pd.DataFrame | None, list[str]]:
         return None, []
     flat = [_flat(row) for row in content]
     names = dict.fromkeys(name for row in flat for name in row)
-    if len(names) * len(flat) > SPARSE * sum(map(len, flat)) + FREE:
+    if len(names) * len(flat) > EMPTY_CELLS * sum(map(len, flat)) + FREE_CELLS:
         return None, []
     return pd.DataFrame({name: _series([row.get(name) for row in flat]) for name in names}), []
 

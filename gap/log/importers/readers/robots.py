@@ -15,7 +15,7 @@ from .topics import Topic
 
 STATES = re.compile(r"_?joint_?states?_?", re.IGNORECASE)
 """What the names of topics of joint states have in common."""
-SAME_MOTION = 0.02
+SAME_MOTION_SHARE = 0.02
 """Share of a motion up to which two topics that differ by it are of one robot."""
 
 
@@ -101,4 +101,4 @@ def _differ(pair: Sequence[Topic], field: str) -> bool:
     if not both.any():
         return False
     apart = float(np.sqrt(np.mean((first - second)[both] ** 2)))
-    return apart > SAME_MOTION * max(float(first[both].std()), float(second[both].std())) + 1e-9
+    return apart > SAME_MOTION_SHARE * max(float(first[both].std()), float(second[both].std())) + 1e-9

@@ -21,7 +21,7 @@ from .text import read_text
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".parquet")
 MOST_JOINTS, FEWEST_ROWS = 64, 10
 """Joints of a table at most, and rows of each at least."""
-TOGETHER = 0.1
+SAME_SAMPLE_SHARE = 0.1
 """Share of the sample period within which joints were read at one time."""
 WHOLE_SHARE = 0.9
 """Share of the samples that have all joints, of a table with a row for each joint."""
@@ -142,7 +142,7 @@ class _Rows:
         table: Any = pd.DataFrame({column: cells.columns[column] for column in (clock, *self.carried)})
         table = table.assign(**{JOINT: labels})[labels != ""].sort_values(clock, kind="stable")
         self.period = float(table.groupby(JOINT)[clock].agg(lambda own: own.diff().median()).min())
-        self.table = table.assign(**{SAMPLE: (table[clock].diff() > TOGETHER * self.period).cumsum()})
+        self.table = table.assign(**{SAMPLE: (table[clock].diff() > SAME_SAMPLE_SHARE * self.period).cumsum()})
 
     def pivot(self, certain: bool, polled: bool, path: Path) -> dict[str, tuple[str, str]]:
         """Give the table one row a sample; nothing is changed where joints do not share their samples.

@@ -19,7 +19,7 @@ from .cells import FORMULA, LONGEST_CELL, is_value
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
-HEAD, LAST = 400, 12
+HEAD_LINES, LAST_LINES = 400, 12
 """Lines that tell how a file is laid out, and those at their end that tell the separator: what a tool writes above the
 samples stands before them."""
 MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
@@ -61,7 +61,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     encoding = _encoding(raw[: 1 << 16], path)
     text = LONG.sub(lambda word: word[0][: LONGEST_CELL + 1], raw.decode(encoding, "replace"))
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    layout = _layout(lines[:HEAD], path)
+    layout = _layout(lines[:HEAD_LINES], path)
     if encoding == "cp1252":
         layout.notes.append("the file is read as Windows text (cp1252), for it is no UTF-8")
     return pd.DataFrame(_rows(lines, layout, path), columns=layout.names, dtype="str"), layout.notes
@@ -118,9 +118,9 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
     filled = [k for k, line in enumerate(lines) if _is_filled(line)]
     if not filled:
         raise NoRecording(f"{path}: is empty; record the log again or leave the file out.")
-    separator = _separator([lines[k] for k in filled[-LAST:]])
+    separator = _separator([lines[k] for k in filled[-LAST_LINES:]])
     rows = {k: _split(lines[k], separator) for k in filled}
-    counts = [len(rows[k]) for k in filled[-LAST:]]
+    counts = [len(rows[k]) for k in filled[-LAST_LINES:]]
     width = max(set(counts), key=counts.count)
     labelled = [k for k in filled if len(rows[k]) == width and all(map(_is_labelled, rows[k]))]
     notes: list[str] = []
@@ -179,7 +179,7 @@ def _names(
 
 def _usual(rows: dict[int, list[str]], filled: Sequence[int], width: int) -> list[int]:
     """Columns that hold numbers or times in most of the last rows."""
-    last = [rows[k] for k in filled[-LAST:] if len(rows[k]) == width and (k != filled[0] or len(filled) == 1)]
+    last = [rows[k] for k in filled[-LAST_LINES:] if len(rows[k]) == width and (k != filled[0] or len(filled) == 1)]
     return [at for at in range(width) if 2 * sum(is_value(row[at]) for row in last) > len(last)]
 
 

@@ -21,7 +21,7 @@ COMMAND_WORDS = ("command", "cmd", "goal", "desired", "target", "reference", "se
 LISTS = ("name", "joint_names")
 """Fields that name the joints of the lists beside them."""
 SKIPPED = ("header", "layout", "multi_dof_joint_names")
-LEADS_OFTEN = 0.1
+LEADING_SHARE = 0.1
 """Share of the messages of the most frequent set of joints from which another set may lead."""
 LONGEST_GAP = 10.0
 """Periods of a field without a message over which nothing is interpolated."""
@@ -93,7 +93,7 @@ class Topic:
         """
         there: Any = self.frame.notna().T.groupby(joint_of, sort=False).any().T
         counts = there.value_counts()
-        usual = counts[counts >= LEADS_OFTEN * counts.max()]
+        usual = counts[counts >= LEADING_SHARE * counts.max()]
         lead = np.array(max(usual.index, key=lambda one: (sum(one), usual[one])), bool)
         return (there.to_numpy() == lead).all(axis=1), list(there.columns[~lead])
 
