@@ -157,15 +157,15 @@ def truth(case: Drawn) -> list[dict[str, Any]]:
 
 
 def effect_of_each(case: Drawn) -> np.ndarray:
-    """How much each effect moves each joint (effects, joints), as the rms over a run [rad]."""
-    time, goal = _goals(case, 0)
-    whole = _positions(case, case.effects, time, goal)
-    return np.array(
-        [
-            np.sqrt(np.mean((whole - _positions(case, case.without(k), time, goal)) ** 2, axis=0))
-            for k in range(len(case.effects))
-        ]
-    ).reshape(len(case.effects), len(case.machine.bodies))
+    """How much each effect moves each joint (effects, joints), as the rms over all runs that are recorded [rad]."""
+    squares = np.zeros((case.runs, len(case.effects), len(case.machine.bodies)))
+    for run in range(case.runs):
+        time, goal = _goals(case, run)
+        whole = _positions(case, case.effects, time, goal)
+        for k in range(len(case.effects)):
+            moved = whole - _positions(case, case.without(k), time, goal)
+            squares[run, k] = np.mean(moved**2, axis=0)
+    return np.sqrt(squares.mean(axis=0))
 
 
 def _positions(
