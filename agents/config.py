@@ -95,9 +95,8 @@ def read_config(arguments: Sequence[str]) -> Request:
     Raises:
         SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
     """
-    pairs = split(
-        arguments, plain=("actuator", "env", "extended", "hyperparams", "name", "out", "resume", "robot", "wandb")
-    )
+    words = ("actuator", "env", "extended", "hyperparams", "name", "out", "randomization", "resume", "robot", "wandb")
+    pairs = split(arguments, plain=words)
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
         own = override({"resume": "", "env": None, "trust": False}, {k: pairs.pop(k) for k in _NAMED if k in pairs})
@@ -123,7 +122,7 @@ def read_config(arguments: Sequence[str]) -> Request:
     if plain.pop("trust"):
         raise SealegsError("trust= is for a run that is resumed: leave it out, or say which, resume=<run>.")
     seeds, plain["seed"] = _seeds(plain.pop("seeds"), plain["seed"])
-    plain = _extended(plain)
+    plain = _extended(_drawn_from(plain))
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {}, seeds=seeds)
 
 
@@ -169,6 +168,21 @@ def _own_task(word: str) -> dict[str, Any]:
         raise SealegsError(f"env={word} is no task; a task of your own is given as path/to/task.py:MyTask.")
     user_id(word)
     return {"id": absolute(word), "randomization": None}
+
+
+def _drawn_from(plain: dict[str, Any]) -> dict[str, Any]:
+    """The config with what its environment draws anew: a diagnosis is also the model, where no other is given."""
+    from ..envs.extended import names_diagnosis, with_machines
+
+    env = dict(plain["env"])
+    said = checked("randomization", plain.pop("randomization"), str | dict[str, Any] | None)
+    source = env.get("randomization") if said is None else said
+    if names_diagnosis(source) and plain["extended"] is None and plain["actuator"] is None:
+        plain = {**plain, "extended": str(source)}
+    if said is None and not (isinstance(source, dict) or names_diagnosis(source)):
+        return plain
+    source = with_machines(source, str(env["id"]), env.get("params"), env.get("robot"))
+    return {**plain, "env": {**env, "randomization": source}}
 
 
 def _extended(plain: dict[str, Any]) -> dict[str, Any]:

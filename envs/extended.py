@@ -6,6 +6,7 @@ change that the robot at hand cannot take is refused with a sentence that names 
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..actuators import Chain, load_chain
-from ..common.documents import DocumentError, read_yaml
+from ..common.documents import DocumentError, read_json, read_yaml
 from ..common.errors import SealegsError, nearest
 from .contract import task_of
 from .described.robot_file import is_robot_file
@@ -21,6 +22,8 @@ from .engine.robot import Robot
 
 LOGGER = logging.getLogger("sealegs")
 FILE = "extended-robot.yaml"
+DRAWS = "extended-draws.json"
+"""Beside it: machines as it may be."""
 VERSION = 1
 Owner = Literal["chain", "robot", "log"]
 """What a number belongs to: the actuation chain, the rest of the robot, or the log, which misreads the machine."""
@@ -75,6 +78,19 @@ class Mounted:
     file: str
 
 
+@dataclass(frozen=True)
+class Draws:
+    """Machines as a diagnosed one may be, within what its log tells.
+
+    Attributes:
+        numbers: that differ between them, keys of :meth:`Extended.numbers`.
+        machines: a value for each of these numbers, machine by machine.
+    """
+
+    numbers: tuple[tuple[str, ...], ...] = ()
+    machines: tuple[tuple[float, ...], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Extended:
     """A machine as a diagnosis left it.
@@ -86,6 +102,7 @@ class Extended:
         changes: everything that differs from the nominal model.
         where: folder of the diagnosis, for messages.
         digest: of the model file that the log named; empty for a robot of the collection, or unknown.
+        draws: machines as it may be; None where the diagnosis tells none.
     """
 
     robot: str
@@ -95,6 +112,48 @@ class Extended:
     where: str = "the diagnosis"
     chosen: Mapping[str, str] = field(default_factory=dict)
     digest: str = ""
+    draws: Draws | None = None
+
+    # --- machines as it may be -----------------------------------------------------------------------------------
+
+    def numbers(self) -> dict[tuple[str, ...], float]:
+        """Every number: of chains by joint, place of its file and path, of changes by joint, place and path."""
+        found: dict[tuple[str, ...], float] = {}
+        for joint, variants in self.chains.items():
+            for k, item in enumerate(variants):
+                for stage in item.chain.stages:
+                    own = stage.parameters().items()
+                    found |= {("chain", joint, str(k), f"{stage.name}.{key}"): value for key, value in own}
+        return found | {("change", c.joint, str(k), c.path): c.after for k, c in enumerate(self.changes)}
+
+    def machines(self) -> list[Extended]:
+        """The machines of :attr:`draws`."""
+        return (
+            []
+            if self.draws is None
+            else [
+                self.with_numbers(dict(zip(self.draws.numbers, values, strict=True))) for values in self.draws.machines
+            ]
+        )
+
+    def with_numbers(self, values: Mapping[tuple[str, ...], float]) -> Extended:
+        """The machine with other values for some of its :meth:`numbers`.
+
+        Raises:
+            ExtensionError: it has no such number.
+        """
+        changes = list(self.changes)
+        chains = {joint: list(variants) for joint, variants in self.chains.items()}
+        try:
+            for (kind, joint, place, path), value in values.items():
+                k = int(place)
+                if kind == "change":
+                    changes[k] = replace(changes[k], after=value)
+                else:
+                    chains[joint][k] = replace(chains[joint][k], chain=chains[joint][k].chain.with_value(path, value))
+        except (LookupError, ValueError):
+            raise ExtensionError(f"{self.where}: its draws are of another model; diagnose again.") from None
+        return replace(self, changes=tuple(changes), chains=chains, draws=None)
 
     # --- on a robot --------------------------------------------------------------------------------------------
 
@@ -140,7 +199,9 @@ class Extended:
             "%s", f"{robot.file.model.path.name} was changed after {self.where} was written; diagnose again to be sure."
         )
 
-    def params_on(self, robot: Robot, params: Mapping[str, float] | None = None) -> dict[str, float]:
+    def params_on(
+        self, robot: Robot, params: Mapping[str, float] | None = None, *, told: bool = True
+    ) -> dict[str, float]:
         """Numbers of ``robot``, as believed and with everything that was found.
 
         What was tuned within its tolerance and is no number of this robot is left out, and told.
@@ -148,6 +209,7 @@ class Extended:
         Args:
             robot: at hand.
             params: numbers believed of it, in place of those of the log.
+            told: whether what is left out is told.
 
         Raises:
             ExtensionError: the robot has no number that could take a finding.
@@ -169,7 +231,7 @@ class Extended:
                 left_out.append(change)
         if refused:
             raise ExtensionError(self._refusal(robot, list(refused.values())))
-        if left_out:
+        if left_out and told:
             LOGGER.warning("%s", self._left_out(robot, left_out))
         return {name: value for name, value in robot.parameters(believed).items() if name in believed}
 
@@ -282,6 +344,8 @@ def read_extended(path: str | Path) -> Extended:
     except DocumentError as error:
         raise ExtensionError(_missing(path, folder) if error.missing else f"{error}; diagnose again.") from None
     extended = Extended.from_dict(document, str(folder))
+    if (folder / DRAWS).is_file():
+        extended = replace(extended, draws=_read_draws(folder / DRAWS))
     if is_robot_file(extended.robot):  # named as it lies beside the folder
         extended = replace(extended, robot=str((folder / extended.robot).resolve()))
     if path == folder or path.name == FILE:
@@ -293,6 +357,70 @@ def read_extended(path: str | Path) -> Extended:
             f"{folder} has no chain {path.name}{nearest(path.name, known)}; it has {', '.join(known)}."
         )
     return Extended(**{**vars(extended), "chosen": chosen})
+
+
+def with_machines(source: Any, name: str, params: Mapping[str, float] | None = None, robot: str | None = None) -> Any:
+    """A randomisation with the machines of a diagnosis as numbers of the robot, where it names one.
+
+    Args:
+        source: folder of a diagnosis, or an :class:`Extended`, alone or as ``machines`` of a randomisation; anything
+            else stays.
+        name: id of the environment.
+        params: numbers believed of the robot.
+        robot: of an environment that takes any.
+
+    Raises:
+        SealegsError: it tells no machines, or the robot cannot take them.
+    """
+    if isinstance(source, Mapping):
+        inner = source.get("machines")
+        return {**source, **with_machines(inner, name, params, robot)} if names_diagnosis(inner) else source
+    if not names_diagnosis(source):
+        return source
+    machine = source if isinstance(source, Extended) else read_extended(source)
+    machine.check_log()
+    if machine.draws is None or not machine.draws.machines:
+        raise ExtensionError(
+            f"{machine.where} holds no machines to draw from: it was written by an earlier version; diagnose again."
+        )
+    found = task_of({"id": name} if robot is None else {"id": name, "robot": robot})[0].robot
+    rows = [(one.chains_on(found), one.params_on(found, params, told=False)) for one in machine.machines()]
+    chains = {
+        joint: {f"{stage.name}.{key}": [] for stage in chain.stages for key in stage.parameters()}
+        for joint, chain in rows[0][0].items()
+    }
+    for joint, own in chains.items():
+        for path, values in own.items():
+            values.extend(float(one[joint].value(path)) for one, _ in rows)
+    numbers = {key: [float(one[key]) for _, one in rows] for key in rows[0][1]}
+    varying = {joint: {path: v for path, v in own.items() if len(set(v)) > 1} for joint, own in chains.items()}
+    kept = {joint: own for joint, own in varying.items() if own}
+    return {"machines": {"chains": kept, "robot": {key: v for key, v in numbers.items() if len(set(v)) > 1}}}
+
+
+def names_diagnosis(source: Any) -> bool:
+    """Whether a randomisation is that of a diagnosis: its folder, or what it found."""
+    return isinstance(source, Extended) or (isinstance(source, str | Path) and Path(source).is_dir())
+
+
+def write_draws(draws: Draws, path: Path) -> None:
+    """Write machines as a diagnosed one may be, a line each."""
+    rows = ",\n  ".join(json.dumps([float(f"{value:.6g}") for value in values]) for values in draws.machines)
+    numbers = ",\n  ".join(json.dumps(key) for key in draws.numbers)
+    text = f'{{"version": {VERSION},\n "numbers": [\n  {numbers}],\n "machines": [\n  {rows}]}}\n'
+    path.write_text(text, encoding="utf-8")
+
+
+def _read_draws(path: Path) -> Draws:
+    try:
+        document = read_json(path)
+        numbers = tuple(tuple(map(str, key)) for key in document["numbers"])
+        machines = tuple(tuple(map(float, values)) for values in document["machines"])
+        if document["version"] == VERSION and all(len(values) == len(numbers) for values in machines):
+            return Draws(numbers, machines)
+    except (DocumentError, LookupError, TypeError, ValueError):
+        pass
+    raise ExtensionError(f"{path} is damaged; diagnose again.")
 
 
 def extended_arguments(

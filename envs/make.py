@@ -12,7 +12,7 @@ from ..common.errors import SealegsError, nearest
 from . import register_environments, registered_id
 from .any_robot.user import is_user_task
 from .engine.robot import ChainSource, Robot
-from .extended import Extended, extended_arguments
+from .extended import Extended, extended_arguments, names_diagnosis, with_machines
 from .robots import get_robot
 
 
@@ -65,7 +65,9 @@ def make_env(
         params: numbers of the robot that differ from its own.
         sb3: for Stable-Baselines3, whose vector environments are others than Gymnasium's.
         arguments: further ones of the environment, such as ``robot`` (of ``track`` and ``reach``: a name or a file),
-            ``render_mode``, or weights of its reward.
+            ``render_mode``, or weights of its reward. ``randomization`` may be a diagnosis as well: each episode draws
+            one of the machines that its log does not tell apart, and ``extended`` is that diagnosis where no other
+            model is given.
 
     Returns:
         A ``gymnasium.Env``, or a ``gymnasium.vector.VectorEnv`` where ``num_envs`` is given; with ``sb3`` a
@@ -76,9 +78,14 @@ def make_env(
             the diagnosis found.
     """
     found = environment_id(name)
+    randomization, believed = arguments.get("randomization"), params
+    if extended is None and actuator is None and names_diagnosis(randomization):
+        extended = randomization
     if extended is not None:
         actuator, params = extended_arguments(found, extended, actuator, params, arguments.get("robot"))
     keywords = {"actuator": actuator, "params": params, **arguments}
+    if randomization is not None:
+        keywords["randomization"] = with_machines(randomization, found, believed, arguments.get("robot"))
     if sb3:
         from .engine.sb3 import BatchVecEnv
 

@@ -130,7 +130,11 @@ class BatchEngine:
         self.drivetrain = robot.drivetrain(actuator, params)
         self.chains = self.drivetrain.chains
         check_position_goals(task.robot, self.chains, "a task gives")
-        self.randomization = Randomization(self.drivetrain, randomization)
+        self.randomization = Randomization(
+            self.drivetrain,
+            randomization,
+            lambda chains, numbers: robot.drivetrain(dict(chains), {**(params or {}), **numbers}),
+        )
         spans = self.randomization.uneven
         self._terrain = Terrain.under(self.drivetrain.model, spans) if spans else None
         if self._terrain is not None:

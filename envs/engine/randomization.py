@@ -14,6 +14,8 @@ noise:   {reading: [0, 0.01]}                   standard deviation of each encod
 bias:    {reading: [0, 0.02]}                   the same offset for an episode, up to the value either way
 lost:    {goals: [0, 0.05], readings: [0, 0.02]} share of goals (of all servos together) and of replies of a servo
 delay:   {goals: [0, 0.03]}                     of goals, in place of a fixed action_delay [s]
+machines: {chains: ..., robot: ...}             machines of which each episode draws one (:mod:`.machines`), in place of
+                                                ranges of chains, mass, centre and gravity
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from ...actuators.layout import P_STATE_SIZE
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
 from .base import BaseLayout
+from .machines import Build, Machines
 from .scene import FLOOR
 from .terrain import floors
 
@@ -70,6 +73,9 @@ RUNNING = {
 """What disturbs a running simulation (:mod:`sealegs.envs.engine.disturbances`): words of each group, and the smallest
 value that one can have."""
 GROUPS = ("mass", "centre", "gravity", "floor", *RUNNING)
+MACHINES = "machines"
+BESIDE_MACHINES = ("floor", *RUNNING)
+"""What may vary beside whole machines: nothing that they have."""
 OF_BASE = (
     "push.speed",
     "noise.tilt",
@@ -90,20 +96,42 @@ class Randomization:
             place: a friction law that the robot's own chain leaves out, or memory. Otherwise the robot's own.
     """
 
-    def __init__(self, drivetrain: Drivetrain, source: Source = None) -> None:
+    def __init__(self, drivetrain: Drivetrain, source: Source = None, build: Build | None = None) -> None:
         """Check ``source``, a mapping as in the module's docstring or the path of a YAML file with one.
+
+        Args:
+            drivetrain: of the robot itself.
+            source: what varies.
+            build: makes the robot with other chains and numbers, for whole machines.
 
         Raises:
             RandomizationError: something in it does not fit the drivetrain.
             ChainError: a chain does not have a parameter or cannot take a value.
         """
-        self.draws = tuple(_draws(drivetrain, read_randomization(source)))
+        given = dict(read_randomization(source))
+        machines = given.pop(MACHINES, None)
+        self.draws = tuple(_draws(drivetrain, given))
+        self._machines: Machines | None = None
+        if machines is not None:
+            self.draws = (*self.draws, self._of_machines(drivetrain, machines, build))
         self._nominal = drivetrain.chains
         self._columns = {
             group: [(k, draw) for k, draw in enumerate(self.draws) if draw.group == group]
-            for group in (*drivetrain.chains, *GROUPS)
+            for group in (*drivetrain.chains, *GROUPS, MACHINES)
         }
         self.chains = {name: self._with_room(name) for name in self._nominal}
+
+    def _of_machines(self, drivetrain: Drivetrain, source: Any, build: Build | None) -> Draw:
+        """The draw of a whole machine, which are made here."""
+        for draw in self.draws:
+            if draw.group not in BESIDE_MACHINES:
+                raise RandomizationError(
+                    f"randomization.{draw.group}.{draw.name} and randomization.{MACHINES} both draw what a machine "
+                    f"has; beside machines there may be {', '.join(BESIDE_MACHINES)}."
+                )
+        assert build is not None, "whoever gives machines says how they are built"
+        self._machines = Machines(drivetrain, source, build)
+        return Draw(MACHINES, "number", 0.0, 1.0)
 
     @property
     def disturbs(self) -> bool:
@@ -152,6 +180,8 @@ class Randomization:
             return {}
         low, high = (np.array([getattr(draw, end) for draw in self.draws]) for end in ("low", "high"))
         values = low + random * (high - low)
+        if self._machines is not None:
+            values[:, -1] = self._machines.apply(batch, simulations, random[:, -1])
         for name, nominal in self._nominal.items():
             for row, simulation in enumerate(simulations if self._columns[name] else ()):
                 chain = nominal
@@ -211,7 +241,7 @@ def read_randomization(source: Source) -> Mapping[str, Any]:
 
 
 def _draws(drivetrain: Drivetrain, source: Mapping[str, Any]) -> Iterable[Draw]:
-    groups = [*drivetrain.chains, "all", *GROUPS]
+    groups = [*drivetrain.chains, "all", *GROUPS, MACHINES]
     for group, entries in source.items():
         if group not in groups:
             raise RandomizationError(

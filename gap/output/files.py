@@ -11,6 +11,7 @@ import numpy as np
 from ...common.atomic import STAGED, folder_written
 from ...common.extras import missing_package
 from ...envs.described.robot_file import is_robot_file
+from ...envs.extended import DRAWS, write_draws
 from ..experiment import write_experiment
 from ..log.parts import TEST
 from ..log.progress import Milestone, Progress
@@ -96,6 +97,8 @@ def write_diagnosis(
         extended, confirmed = hand_over(diagnoses, recorded, progress)
         if extended is not None:
             written["extended"] = write_extended(extended, staged, folder)
+            if extended.draws is not None:
+                write_draws(extended.draws, staged / DRAWS)
             if (robot := write_robot(extended, data, staged, folder)) is not None:
                 written["robot"] = robot
         written["json"] = staged / FILE

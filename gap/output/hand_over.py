@@ -15,6 +15,7 @@ from ..log.progress import Progress
 from ..log.types import MeasuredSet
 from ..search.structure import told_in
 from ..verdict.verdict import JointDiagnosis
+from .draws import with_draws
 from .extension import Taken, as_taken, extended_of
 from .whole import confirm_whole
 
@@ -41,12 +42,17 @@ def hand_over(
         progress: is told what goes on.
 
     Returns:
-        The model; of a robot with a file also what :func:`sealegs.gap.output.whole.confirm_whole` found of it, with
-        ``taken``, the sentence ``left`` where not all is taken, ``harm`` where it still misses its log by more, and
-        ``bodies`` where it changes any.
+        The model, with machines as it may be (:mod:`.draws`); of a robot with a file also what
+        :func:`sealegs.gap.output.whole.confirm_whole` found of it, with ``taken``, the sentence ``left`` where not all
+        is taken, ``harm`` where it still misses its log by more, and ``bodies`` where it changes any.
     """
     extended, confirmed = _taken(diagnoses, recorded, progress)
-    if extended is None or confirmed is None or not (said := bodies_of(extended)):
+    if extended is None:
+        return None, confirmed
+    progress("drawing machines as it may be")
+    taken = "all" if confirmed is None else confirmed.get("taken", "all")
+    extended = with_draws(extended, diagnoses, as_taken(recorded, diagnoses), taken)
+    if confirmed is None or not (said := bodies_of(extended)):
         return extended, confirmed
     return extended, confirmed | {"bodies": said}
 

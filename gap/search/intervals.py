@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,32 +43,11 @@ def intervals(
     """
     if not parameters:
         return {}
-    u = np.array([p.to_fit(found.values[p.path]) for p in parameters])
-    low = np.array([p.to_fit(p.low) for p in parameters])
-    high = np.array([p.to_fit(p.high) for p in parameters])
-    reach = np.diag([p.difference for p in parameters])
-    up, down = (
-        np.minimum(u[None] + reach, high),
-        np.maximum(u[None] - reach, low),
-    )
-    rows = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in np.concatenate([up, down])]
-    errors = problem.residual(problem.simulate(rows))
-    spans = np.maximum(np.diag(up) - np.diag(down), 1e-9)
-    jacobian = ((errors[: len(u)] - errors[len(u) :]) / spans[:, None]).T
-    residual = problem.residual(found.simulated[None])[0]
-    block, sizes = problem.blocks()
-    count = len(sizes)
-    weight = robust_weight(residual)
-    scores = np.stack([np.bincount(block, jacobian[:, k] * residual * weight, count) for k in range(len(u))], axis=1)
-    curvature = (jacobian * weight[:, None]).T @ jacobian
-    weights = block_weights(count, draws, np.random.default_rng(seed))
-    ridge = max(1e-9 * float(np.trace(curvature)), FLAT) * np.eye(len(u))
-    rises = UNLIKELY * inflation(curvature + ridge, (weights - 1.0) @ scores)
-    slope = scores.sum(axis=0)
-    lows, highs = _reach(u, slope, curvature + ridge, low, high, rises)
-    moved = moved_by_late_columns(
-        problem, found.values, found.simulated, jacobian * weight[:, None], curvature + ridge, (low - u, high - u)
-    )
+    near = linearised(problem, parameters, found)
+    u, low, high, curvature = near.u, near.low, near.high, near.curvature
+    rises = UNLIKELY * near.inflation(seed, draws)
+    lows, highs = _reach(u, near.slope, curvature, low, high, rises)
+    moved = moved_by_late_columns(problem, found.values, found.simulated, near.jacobian, curvature, (low - u, high - u))
     found_intervals = {}
     smaller, larger = room(problem, parameters, found.values)
     alike = inertia_room(problem, parameters, found.values, (smaller, larger))
@@ -89,6 +69,67 @@ def intervals(
             least, most = over_a_step(value, (least, most), period, p, p.neutral(problem.models[0]), second)
         found_intervals[p.path] = (max(least, p.low), min(most, p.high))
     return found_intervals
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A fit's residual as a straight line in its parameters, in the coordinates of the fit.
+
+    Attributes:
+        u: where the parameters are (p,); ``low``, ``high`` are their bounds.
+        jacobian: of the residual, each sample with its robust weight (n, p).
+        scores: slope of the cost, block by block (b, p).
+        curvature: of the cost (p, p).
+    """
+
+    u: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    jacobian: np.ndarray
+    scores: np.ndarray
+    curvature: np.ndarray
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Of the cost (p,)."""
+        return self.scores.sum(axis=0)
+
+    def inflation(self, seed: int, draws: int) -> np.ndarray:
+        """By how much the variance of each parameter (p,) is more than that of independent errors, by a block
+        bootstrap."""
+        weights = block_weights(len(self.scores), draws, np.random.default_rng(seed))
+        return inflation(self.curvature, (weights - 1.0) @ self.scores)
+
+    def correlation(self) -> np.ndarray:
+        """Of the parameters' errors (p, p), each of them known beforehand to lie within its bounds."""
+        believed = np.diag(12.0 / np.maximum(self.high - self.low, FLAT) ** 2)  # as wide as a uniform number
+        covariance = solved(self.curvature + believed, np.eye(len(self.u)))
+        spread = np.sqrt(np.maximum(np.diag(covariance), FLAT))
+        return np.clip(covariance / np.outer(spread, spread), -1.0, 1.0)
+
+
+def linearised(problem: Problem, parameters: Sequence[Parameter], found: Fit) -> Linearised:
+    """How the residual of a fit changes with its parameters, by finite differences."""
+    u = np.array([p.to_fit(found.values[p.path]) for p in parameters])
+    low = np.array([p.to_fit(p.low) for p in parameters])
+    high = np.array([p.to_fit(p.high) for p in parameters])
+    reach = np.diag([p.difference for p in parameters])
+    up, down = (
+        np.minimum(u[None] + reach, high),
+        np.maximum(u[None] - reach, low),
+    )
+    rows = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in np.concatenate([up, down])]
+    errors = problem.residual(problem.simulate(rows))
+    spans = np.maximum(np.diag(up) - np.diag(down), 1e-9)
+    jacobian = ((errors[: len(u)] - errors[len(u) :]) / spans[:, None]).T
+    residual = problem.residual(found.simulated[None])[0]
+    block, sizes = problem.blocks()
+    weight = robust_weight(residual)
+    scores = np.stack([np.bincount(block, slope, len(sizes)) for slope in (jacobian.T * residual * weight)], axis=1)
+    weighted = jacobian * weight[:, None]
+    curvature = weighted.T @ jacobian
+    ridge = max(1e-9 * float(np.trace(curvature)), FLAT) * np.eye(len(u))
+    return Linearised(u, low, high, weighted, scores, curvature + ridge)
 
 
 def inflation(curvature: np.ndarray, moves: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ bodies and servos, ``recorded`` the logs that a hobbyist makes of them.
 from .effects import EFFECTS, SHARED, STRANGERS, Hidden
 from .machines import MACHINES, Machine, mjcf, nominal_chain
 from .recorded import Drawn, drawn, record_drawn
+from .running import Running
 
 __all__ = [
     "EFFECTS",
@@ -16,6 +17,7 @@ __all__ = [
     "Drawn",
     "Hidden",
     "Machine",
+    "Running",
     "drawn",
     "mjcf",
     "nominal_chain",

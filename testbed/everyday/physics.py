@@ -198,6 +198,163 @@ def _invert(matrix, out, work):
                     out[i, j] -= by * out[k, j]
 
 
+class State(NamedTuple):
+    """What a machine remembers; arrays (n,)."""
+
+    q: np.ndarray  # of the links [rad]
+    w: np.ndarray
+    motor: np.ndarray  # of joints with play [rad]
+    motor_w: np.ndarray
+    heat: np.ndarray  # [degC]
+    relaxed: np.ndarray  # where the cable is slack [rad]
+    over: np.ndarray  # for how long the torque is above the trip's threshold [s]
+    tripped: np.ndarray
+    duty: np.ndarray
+    current: np.ndarray  # [A]
+    torque: np.ndarray  # [N.m]
+    volts: np.ndarray  # (1,)
+
+
+class Scratch(NamedTuple):
+    """Room to compute in; ``matrix``, ``inverse``, ``stiff`` and ``damp`` hold for :data:`REFRESH` steps."""
+
+    origin: np.ndarray
+    axis: np.ndarray
+    centre: np.ndarray
+    turn: np.ndarray
+    spatial: np.ndarray
+    own: np.ndarray
+    part: np.ndarray
+    lever: np.ndarray
+    away: np.ndarray
+    moment: np.ndarray
+    scratch: np.ndarray
+    work: np.ndarray
+    matrix: np.ndarray
+    bias: np.ndarray
+    impulse: np.ndarray
+    dry: np.ndarray
+    drive: np.ndarray
+    through: np.ndarray
+    stiff: np.ndarray
+    damp: np.ndarray
+    inverse: np.ndarray
+
+
+@numba.njit(cache=True)
+def at_rest(angles, volts):
+    """The state of a machine at rest at these angles (n,)."""
+    n = len(angles)
+    return State(
+        angles.copy(), np.zeros(n), angles.copy(), np.zeros(n), np.full(n, AMBIENT), angles.copy(), np.zeros(n),
+        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.full(1, volts),
+    )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def room(n):
+    """Room to compute a machine of n joints in."""
+    return Scratch(
+        np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3, 3)),
+        np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((n, 3)), np.zeros(3), np.zeros(3), np.zeros((8, 3)),
+        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros(n), np.zeros(n), np.eye(n),
+    )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def drive_step(links, servos, s, k, goal, refresh):
+    """What the servos do now: duties, currents and torques, for goals (n,) that they have [rad]."""
+    n = len(goal)
+    _pose(links, s.q, k.origin, k.axis, k.turn, k.centre, k.spatial, k.own, k.part)
+    if refresh:
+        _mass_matrix(links, k.origin, k.axis, k.centre, k.spatial, k.matrix, k.lever, k.away, k.moment)
+        for i in range(n):
+            k.stiff[i] = min(TOOTH_STIFFNESS, k.matrix[i, i] * (2.0 * math.pi / TOOTH_TIME) ** 2)
+            k.damp[i] = TOOTH_DAMPING * k.stiff[i] / TOOTH_STIFFNESS
+            if not servos.play[i] > 0.0:
+                k.matrix[i, i] += servos.armature[i]
+        _invert(k.matrix, k.inverse, k.work)
+    _bias(links, k.origin, k.axis, k.centre, k.spatial, s.w, k.bias, k.scratch)
+    drawn = 0.0
+    volts = s.volts[0]
+    for i in range(n):
+        split = servos.play[i] > 0.0
+        at, rate = (s.motor[i], s.motor_w[i]) if split else (s.q[i], s.w[i])
+        read = s.q[i] if servos.output_side[i] > 0.0 else at
+        reading = TICK * math.floor(read / TICK + 0.5)
+        error = goal[i] + servos.goal_offset[i] - reading
+        s.duty[i] = min(max(servos.gain[i] * error, -servos.duty_limit[i]), servos.duty_limit[i])
+        constant = servos.motor_constant[i] * (1.0 - servos.loss[i] * (s.heat[i] - AMBIENT))
+        s.current[i] = (s.duty[i] * volts - constant * rate) / servos.resistance[i]
+        s.torque[i] = constant * s.current[i]
+        s.over[i] = s.over[i] + STEP if abs(s.torque[i]) > servos.trip[i] else 0.0
+        if s.over[i] > TRIP_TIME:
+            s.tripped[i] = 1.0
+        if abs(error) < 0.02:
+            s.tripped[i] = 0.0
+        if s.tripped[i] > 0.0:
+            s.torque[i] *= TRIP_LEFT
+            s.current[i] *= TRIP_LEFT
+        drawn += max(s.duty[i] * s.current[i], 0.0)
+        s.heat[i] += (
+            STEP / HEAT_CAPACITY * (s.current[i] ** 2 * servos.resistance[i] - (s.heat[i] - AMBIENT) / HEAT_RESISTANCE)
+        )
+    s.volts[0] += 0.05 * (servos.volts - servos.source * drawn - volts)  # what capacitors smooth: 2 ms
+
+
+@numba.njit(cache=True)
+def move_step(servos, s, k):
+    """Move on by :data:`STEP` under the torques of now."""
+    n = len(s.q)
+    for i in range(n):
+        split = servos.play[i] > 0.0
+        rate = s.motor_w[i] if split else s.w[i]
+        s.relaxed[i] += STEP / CABLE_TIME * (s.q[i] - s.relaxed[i])
+        outside = servos.cable[i] * (s.relaxed[i] - s.q[i])
+        if s.q[i] > servos.stop[i]:
+            outside -= max(STOP_STIFFNESS * (s.q[i] - servos.stop[i]) + STOP_DAMPING * s.w[i], 0.0)
+        external = outside - k.bias[i]
+        if split:
+            twist, apart, tooth = s.motor[i] - s.q[i], 0.5 * servos.play[i], 0.0
+            if twist > apart:
+                tooth = max(k.stiff[i] * (twist - apart) + k.damp[i] * (s.motor_w[i] - s.w[i]), 0.0)
+            elif twist < -apart:
+                tooth = min(k.stiff[i] * (twist + apart) + k.damp[i] * (s.motor_w[i] - s.w[i]), 0.0)
+            k.drive[i] = outside + tooth - k.bias[i]
+            k.through[i] = s.torque[i] - servos.viscous[i] * rate - tooth
+            external = -tooth
+        else:
+            k.drive[i] = s.torque[i] - servos.viscous[i] * rate + outside - k.bias[i]
+        limit = servos.coulomb[i] + servos.load[i] * abs(s.torque[i] - external)
+        limit += servos.stribeck[i] * math.exp(-abs(rate) / servos.stribeck_velocity[i])
+        k.dry[i] = limit * STEP
+    for i in range(n):
+        for j in range(n):
+            s.w[i] += STEP * k.inverse[i, j] * k.drive[j]
+        k.impulse[i] = 0.0
+    for _ in range(SWEEPS):
+        largest = 0.0
+        for i in range(n):
+            if servos.play[i] > 0.0:
+                continue
+            wanted = min(max(k.impulse[i] - s.w[i] / k.inverse[i, i], -k.dry[i]), k.dry[i])
+            change = wanted - k.impulse[i]
+            k.impulse[i] = wanted
+            for j in range(n):
+                s.w[j] += k.inverse[j, i] * change
+            largest = max(largest, abs(change))
+        if largest < 1e-12:
+            break
+    for i in range(n):
+        if servos.play[i] > 0.0:
+            free = s.motor_w[i] + STEP * k.through[i] / servos.armature[i]
+            most = k.dry[i] / servos.armature[i]
+            s.motor_w[i] = 0.0 if abs(free) <= most else free - math.copysign(most, free)
+            s.motor[i] += STEP * s.motor_w[i]
+        s.q[i] += STEP * s.w[i]
+
+
 @numba.njit(cache=True)
 def simulate(links, servos, goal_time, goal, duration):
     """Integrate from rest at the first goals.
@@ -216,106 +373,38 @@ def simulate(links, servos, goal_time, goal, duration):
     times, volts_out = np.empty(count), np.empty(count)
     motors, angles, duties = np.empty((count, n)), np.empty((count, n)), np.empty((count, n))
     currents, heats = np.empty((count, n)), np.empty((count, n))
-    origin, axis, centre = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-    turn, spatial, own, part = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    lever, away, moment, scratch, work = np.zeros((n, 3)), np.zeros(3), np.zeros(3), np.zeros((8, 3)), np.zeros((n, n))
-    matrix, bias = np.zeros((n, n)), np.zeros(n)
-    q, w = goal[0].copy(), np.zeros(n)
-    motor, motor_w = goal[0].copy(), np.zeros(n)  # of joints with play
-    heat, relaxed, over = np.full(n, AMBIENT), goal[0].copy(), np.zeros(n)
-    tripped = np.zeros(n)
-    duty, current, impulse, dry, drive = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    torque, through, stiff, damp = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    inverse = np.eye(n)
-    split = servos.play > 0.0
-    volts, command = servos.volts, 0
+    s, k, command = at_rest(goal[0], servos.volts), room(n), 0
     for step in range(steps + 1):
         now = step * STEP
         while command + 1 < len(goal_time) and goal_time[command + 1] + servos.latency <= now:
             command += 1
-        _pose(links, q, origin, axis, turn, centre, spatial, own, part)
-        if step % REFRESH == 0:
-            _mass_matrix(links, origin, axis, centre, spatial, matrix, lever, away, moment)
-            for i in range(n):
-                stiff[i] = min(TOOTH_STIFFNESS, matrix[i, i] * (2.0 * math.pi / TOOTH_TIME) ** 2)
-                damp[i] = TOOTH_DAMPING * stiff[i] / TOOTH_STIFFNESS
-                if not split[i]:
-                    matrix[i, i] += servos.armature[i]
-            _invert(matrix, inverse, work)
-        _bias(links, origin, axis, centre, spatial, w, bias, scratch)
-        drawn = 0.0
-        for i in range(n):
-            at, rate = (motor[i], motor_w[i]) if split[i] else (q[i], w[i])
-            read = q[i] if servos.output_side[i] > 0.0 else at
-            reading = TICK * math.floor(read / TICK + 0.5)
-            error = goal[command, i] + servos.goal_offset[i] - reading
-            duty[i] = min(max(servos.gain[i] * error, -servos.duty_limit[i]), servos.duty_limit[i])
-            constant = servos.motor_constant[i] * (1.0 - servos.loss[i] * (heat[i] - AMBIENT))
-            current[i] = (duty[i] * volts - constant * rate) / servos.resistance[i]
-            torque[i] = constant * current[i]
-            over[i] = over[i] + STEP if abs(torque[i]) > servos.trip[i] else 0.0
-            if over[i] > TRIP_TIME:
-                tripped[i] = 1.0
-            if abs(error) < 0.02:
-                tripped[i] = 0.0
-            if tripped[i] > 0.0:
-                torque[i] *= TRIP_LEFT
-                current[i] *= TRIP_LEFT
-            drawn += max(duty[i] * current[i], 0.0)
-            heat[i] += (
-                STEP / HEAT_CAPACITY * (current[i] ** 2 * servos.resistance[i] - (heat[i] - AMBIENT) / HEAT_RESISTANCE)
-            )
-        volts += 0.05 * (servos.volts - servos.source * drawn - volts)  # what capacitors smooth: 2 ms
+        drive_step(links, servos, s, k, goal[command], step % REFRESH == 0)
         if step % RECORD_EVERY == 0:
             row = step // RECORD_EVERY
-            times[row], volts_out[row] = now, volts
+            times[row], volts_out[row] = now, s.volts[0]
             for i in range(n):
-                motors[row, i] = motor[i] if split[i] else q[i]
-                angles[row, i], duties[row, i] = q[i], duty[i]
-                currents[row, i], heats[row, i] = current[i], heat[i]
-        for i in range(n):
-            rate = motor_w[i] if split[i] else w[i]
-            relaxed[i] += STEP / CABLE_TIME * (q[i] - relaxed[i])
-            outside = servos.cable[i] * (relaxed[i] - q[i])
-            if q[i] > servos.stop[i]:
-                outside -= max(STOP_STIFFNESS * (q[i] - servos.stop[i]) + STOP_DAMPING * w[i], 0.0)
-            external = outside - bias[i]
-            if split[i]:
-                twist, apart, tooth = motor[i] - q[i], 0.5 * servos.play[i], 0.0
-                if twist > apart:
-                    tooth = max(stiff[i] * (twist - apart) + damp[i] * (motor_w[i] - w[i]), 0.0)
-                elif twist < -apart:
-                    tooth = min(stiff[i] * (twist + apart) + damp[i] * (motor_w[i] - w[i]), 0.0)
-                drive[i] = outside + tooth - bias[i]
-                through[i] = torque[i] - servos.viscous[i] * rate - tooth
-                external = -tooth
-            else:
-                drive[i] = torque[i] - servos.viscous[i] * rate + outside - bias[i]
-            limit = servos.coulomb[i] + servos.load[i] * abs(torque[i] - external)
-            limit += servos.stribeck[i] * math.exp(-abs(rate) / servos.stribeck_velocity[i])
-            dry[i] = limit * STEP
-        for i in range(n):
-            for k in range(n):
-                w[i] += STEP * inverse[i, k] * drive[k]
-            impulse[i] = 0.0
-        for _ in range(SWEEPS):
-            largest = 0.0
-            for i in range(n):
-                if split[i]:
-                    continue
-                wanted = min(max(impulse[i] - w[i] / inverse[i, i], -dry[i]), dry[i])
-                change = wanted - impulse[i]
-                impulse[i] = wanted
-                for k in range(n):
-                    w[k] += inverse[k, i] * change
-                largest = max(largest, abs(change))
-            if largest < 1e-12:
-                break
-        for i in range(n):
-            if split[i]:
-                free = motor_w[i] + STEP * through[i] / servos.armature[i]
-                most = dry[i] / servos.armature[i]
-                motor_w[i] = 0.0 if abs(free) <= most else free - math.copysign(most, free)
-                motor[i] += STEP * motor_w[i]
-            q[i] += STEP * w[i]
+                motors[row, i] = s.motor[i] if servos.play[i] > 0.0 else s.q[i]
+                angles[row, i], duties[row, i] = s.q[i], s.duty[i]
+                currents[row, i], heats[row, i] = s.current[i], s.heat[i]
+        move_step(servos, s, k)
     return times, motors, angles, duties, currents, heats, volts_out
+
+
+@numba.njit(cache=True)
+def advance(links, servos, s, k, sent, since, steps):
+    """Let a machine go on while goals that were sent over the bus arrive.
+
+    Args:
+        links, servos, s, k: the machine, its state and room.
+        sent: goals (h, n) [rad], the newest first.
+        since: how long ago each was sent (h,) [s], the newest first.
+        steps: of :data:`STEP`.
+    """
+    for step in range(steps):
+        now, which = step * STEP, len(since) - 1
+        for h in range(len(since)):
+            if since[h] + now >= servos.latency:
+                which = h
+                break
+        drive_step(links, servos, s, k, sent[which], step % REFRESH == 0)
+        move_step(servos, s, k)
