@@ -20,7 +20,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm hidden-everyday sensitivity fuzz docs format clean
+.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm hidden-everyday transfer sensitivity fuzz docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -67,6 +67,9 @@ hidden-arm: $(INSTALLED) ## the finder against hidden arms, joint by joint, hour
 
 hidden-everyday: $(INSTALLED) ## the finder against machines with many effects at once, hours; can be stopped and goes on
 	$(PY) -m benchmarks.hidden_everyday
+
+transfer: $(INSTALLED) ## policies trained on several models, judged on hidden machines, hours; can be stopped and goes on
+	$(PY) -m sealegs transfer
 
 sensitivity: $(INSTALLED) ## what each threshold of the search does when halved or doubled, from recorded searches
 	$(PY) -m benchmarks.sensitivity

@@ -135,7 +135,7 @@ class Session:
 
         Its folder is created only after environment and learner exist, so wrong input leaves no folder.
         """
-        model, env = _new_learner(config, config.actuator)
+        model, env = new_learner(config, config.actuator)
         config = replace(config, env={**config.env, **env.engine.fitted})
         task = str(config.env["id"]).rpartition("/")[2].rpartition(":")[2].partition("-")[0].lower()
         robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
@@ -163,7 +163,7 @@ class Session:
         loaded = load_newest(run, config.agent, env, trust)
         if loaded is None:
             print(f"{run.path} has no checkpoint yet: starting from step 0.")
-            model, env = _new_learner(config, actuator)
+            model, env = new_learner(config, actuator)
             evaluations = None
         else:
             model, evaluations = loaded
@@ -360,7 +360,8 @@ def beside_reference(rewards: np.ndarray, reference: np.ndarray) -> str:
     )
 
 
-def _new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:
+def new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:
+    """A learner that has learnt nothing yet, and its simulations."""
     torch.set_num_threads(config.threads)
     seed = stream_seed(config.seed, _TRAINING)
     env = make_vec_env(config.env, actuator, config.n_envs, seed)

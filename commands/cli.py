@@ -26,6 +26,7 @@ COMMANDS = {
     "hub": ("sealegs.agents.hub", "", "share runs by the Hugging Face hub, without pickles"),
     "repair-log": ("sealegs.hw.run.measured_log", "", "copy a log without the line that a power cut tore"),
     "import": ("sealegs.commands.import_log", "import", "turn recordings of other formats into measured logs"),
+    "transfer": ("sealegs.commands.transfer", "transfer", "measure whether training on a diagnosed model pays"),
     "demo": ("sealegs.commands.demo", "demo", "measure, diagnose, extend and train once, without hardware"),
 }
 """By subcommand: module with ``main(arguments)``, name of its config file (empty: its arguments are files), purpose."""

@@ -1,0 +1,241 @@
+"""The parts of the study, each a file that is there when it is done: a diagnosis, or a policy judged on its machine."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...actuators import load_chain
+from ...common.atomic import write_text
+from ...common.documents import read_json
+from .machines import Hidden, publish, recorded, running
+
+NOMINAL, HAND, EVERY, EXTENDED, DRAWN, LIMIT = (
+    "nominal", "hand-made randomisation", "every number by 20 %", "extended", "extended, drawn", "limit",
+)  # fmt: skip
+REFERENCE, EXTENDED_REFERENCE = "reference", "extended reference"
+TREATMENTS = (NOMINAL, HAND, EVERY, EXTENDED, DRAWN, LIMIT)
+"""What a policy is trained on; ``limit`` is the machine itself."""
+REFERENCES = (REFERENCE, EXTENDED_REFERENCE)
+"""What needs no learning: the trajectory with the lead of the model as believed, and as diagnosed."""
+SCREENING = 1000
+"""Seed of the policies by which machines are chosen; it is none of those that are counted."""
+STARTS = 7919
+"""Seed of the episodes on the machine, the same for all policies."""
+HAND_MADE: dict[str, Any] = {
+    "position_p.gain": (0.8, 1.2), "dc_motor.motor_constant": (0.9, 1.1), "friction.coulomb": (0.5, 2.0),
+    "friction.viscous": (0.5, 2.0), "delay.seconds": (1.0, 4.0),
+}  # fmt: skip
+"""Ranges, as multiples, that a person would give these servos without measuring them: assumed, from what is usual for
+legged robots (motor strength 10 %, gains 20 %, friction twofold, latency up to 20 ms, masses -10 to +30 %)."""
+HAND_MASS, HAND_BIAS = (0.9, 1.3), 0.02  # of bodies; of encoders [rad]
+WIDE = 0.2
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One policy, or one reference, on one machine.
+
+    Attributes:
+        hidden: the machine.
+        treatment: of :data:`TREATMENTS` or :data:`REFERENCES`.
+        seed: of the training.
+    """
+
+    hidden: Hidden
+    treatment: str
+    seed: int = 0
+
+    @property
+    def file(self) -> str:
+        """Where it is kept, in the folder of the study."""
+        word = self.treatment.replace(" %", "").replace(",", "").replace(" ", "-")
+        return f"{self.hidden.name}/{word}-{self.seed}.json"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How policies are trained and judged.
+
+    Attributes:
+        steps: of a training; None: those of the task's own config.
+        n_envs: simulations side by side; None: likewise.
+        episodes: on the machine.
+        arguments: further ones of ``sealegs train``.
+    """
+
+    steps: int | None
+    n_envs: int | None
+    episodes: int
+    arguments: tuple[str, ...] = ()
+
+
+# --- diagnosis ---------------------------------------------------------------------------------------------------
+
+
+def diagnosed(hidden: Hidden, out: Path) -> None:
+    """Record a machine and diagnose it, where that is not done."""
+    folder = out / hidden.name
+    if (folder / "diagnosis.json").is_file():
+        return
+    from ...gap.diagnose import diagnose
+    from ...gap.output.document import FILE
+
+    robot = publish(hidden, folder)
+    data, truth = recorded(hidden, robot.parent)
+    began = time.perf_counter()
+    if not (folder / "diagnosis" / FILE).is_file():
+        found = diagnose(data, workers=1, keep=folder / "diagnosis")
+        found.save(folder / "diagnosis")
+    document = read_json(folder / "diagnosis" / FILE)
+    rows = document.get("joints") or [document]
+    kept = {
+        "hidden": truth,
+        "seconds": time.perf_counter() - began,
+        "joints": {
+            row["joint"]: {
+                "verdict": row["verdict"],
+                "causes": {cause["name"]: cause["confidence"] for cause in row["causes"]},
+                "gap": {name: error["rmse"] for name, error in row["gap"].items() if isinstance(error, dict)},
+            }
+            for row in rows
+        },
+        "whole_robot": document.get("whole_robot"),
+        "model": (folder / "diagnosis" / "extended-robot.yaml").is_file(),
+    }
+    write_text(folder / "diagnosis.json", json.dumps(kept, indent=1) + "\n", replace=True)
+
+
+# --- policies ----------------------------------------------------------------------------------------------------
+
+
+def judged(cell: Cell, recipe: Recipe, out: Path) -> None:
+    """Train a policy and judge it on its machine, where that is not done."""
+    file = out / cell.file
+    if file.is_file():
+        return
+    began = time.perf_counter()
+    rewards, errors, saturated = _judged(cell, recipe, out)
+    row = {
+        "machine": cell.hidden.name,
+        "treatment": cell.treatment,
+        "seed": cell.seed,
+        "reward": [round(float(x), 4) for x in rewards],
+        "rms": [round(float(x), 6) for x in errors],
+        "saturated": round(float(saturated), 4),
+        "seconds": round(time.perf_counter() - began, 1),
+    }
+    write_text(file, json.dumps(row) + "\n", replace=True)
+
+
+def model_of(treatment: str, folder: Path) -> list[str]:
+    """Arguments of ``sealegs train`` by which a treatment's model is given."""
+    diagnosis = folder / "diagnosis"
+    found = (diagnosis / "extended-robot.yaml").is_file()
+    if treatment == HAND:
+        return [f"randomization={json.dumps(_randomised(HAND_MADE, HAND_MASS, HAND_BIAS))}"]
+    if treatment == EVERY:
+        wide = (1.0 - WIDE, 1.0 + WIDE)
+        return [f"randomization={json.dumps(_randomised(_every(folder, wide), wide, 0.0))}"]
+    if found and treatment in (EXTENDED, EXTENDED_REFERENCE):
+        return [f"extended={diagnosis}"]
+    if found and treatment == DRAWN:
+        return [f"randomization={diagnosis}"]
+    return []  # as believed; so is what a diagnosis hands over that has no model
+
+
+def _randomised(chain: dict[str, Any], mass: tuple[float, float], bias: float) -> dict[str, Any]:
+    told: dict[str, Any] = {"all": {path: {"times": list(ends)} for path, ends in chain.items()}}
+    told["mass"] = {"all": list(mass)}
+    return told | ({"bias": {"reading": [0.0, bias]}} if bias else {})
+
+
+def _every(folder: Path, ends: tuple[float, float]) -> dict[str, Any]:
+    """All numbers of the chain that are not 0 but the encoder's ticks, a duty of at most 1."""
+    from ...envs.robots import get_robot
+
+    chain = load_chain(next(iter(get_robot(folder / "robot.yaml").chains_for(None).values())))
+    found = {}
+    for stage in chain.stages:
+        for key, value in stage.parameters().items():
+            if value and stage.name != "encoder":
+                high = min(ends[1], 1.0 / value) if stage.name == "duty_limit" else ends[1]
+                found[f"{stage.name}.{key}"] = (ends[0], high)
+    return found
+
+
+def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarray, float]:
+    """Reward and rms error of each episode on the machine, and the share of saturated duty."""
+    import torch
+    from gymnasium import spec
+
+    from ...agents.algorithms import build, normalized
+    from ...agents.config import read_config
+    from ...agents.make_env import stream_seed
+    from ...agents.policy_files import policy_of
+    from ...agents.training import new_learner
+    from ...envs.any_robot.lead import ROWS, measured_lead
+    from ...envs.any_robot.track import TrackTask
+    from ...envs.contract import task_of
+    from .plant import PlantEngine, PlantVecEnv
+
+    folder = out / cell.hidden.name
+    robot = publish(cell.hidden, folder)
+    words = ["env=track", f"robot={robot}", f"seed={cell.seed}", "video.seconds=0", "evaluate.every=0"]
+    words += [f"total_timesteps={recipe.steps}"] if recipe.steps else []
+    words += [f"n_envs={recipe.n_envs}"] if recipe.n_envs else []
+    config = read_config([*words, *recipe.arguments, *model_of(cell.treatment, folder)]).config
+    assert config is not None
+    steps = spec(config.env["id"]).max_episode_steps or 500
+    learns = cell.treatment in TREATMENTS
+    torch.set_num_threads(1)
+
+    def on_machine(task: Any, count: int, seed: int) -> PlantEngine:
+        dt = 1.0 / float(config.env.get("control_rate", task.control_rate))
+        engine = PlantEngine(task, running(cell.hidden, count, dt, seed), count, dt, steps)
+        engine.seed(seed)
+        return engine
+
+    if cell.treatment == LIMIT:
+        task, _ = task_of(_plain(config.env))
+        assert isinstance(task, TrackTask)
+        straight = replace(task, lead=0.0)
+        lead = measured_lead(on_machine(straight, ROWS, 0), straight.target, task.half)  # type: ignore[arg-type]
+        task = replace(task, lead=lead)
+        seed = stream_seed(cell.seed, 0)
+        machine = PlantVecEnv(on_machine(task, config.n_envs, seed % 2**31))
+        model = build(config.agent, normalized(machine, config.agent, training=True), seed)
+    else:
+        model, env = new_learner(config, config.actuator)
+        task, _ = task_of(_plain({**config.env, **env.engine.fitted}))
+    if learns:
+        model.learn(config.total_timesteps)
+    act = policy_of(model) if learns else lambda seen: np.zeros((len(seen), len(task.action_names())))
+    return on_plant(act, on_machine(task, recipe.episodes, STARTS))
+
+
+def _plain(env: dict[str, Any]) -> dict[str, Any]:
+    """An environment without what only simulations have."""
+    return {key: value for key, value in env.items() if key not in ("randomization", "params")}
+
+
+def on_plant(act: Any, engine: Any) -> tuple[np.ndarray, np.ndarray, float]:
+    """Reward and rms error [rad] of an episode of each copy (m,), and the share of time in which a drive saturates."""
+    seen, total = engine.reset(), np.zeros(engine.count)
+    squares, saturated = np.zeros(engine.count), 0.0
+    for step in range(engine.episode):
+        if step == engine.episode - 1:  # the last step begins a new episode: its motion is not looked at
+            total += engine.step(act(seen)).reward
+            break
+        result = engine.step(act(seen))
+        seen, total = result.observation, total + result.reward
+        motion = engine.motion(np.zeros((engine.count, len(engine.action_names))))
+        error = motion.link - engine.task.target(motion.time, motion.command)
+        squares += (error**2).mean(axis=1)
+        saturated += float((np.abs(motion.duty) > 0.95).mean())
+    return total, np.sqrt(squares / (engine.episode - 1)), saturated / (engine.episode - 1)

@@ -1,0 +1,190 @@
+"""A task on a machine that is no simulation of sealegs: what its encoders say is all that a policy sees.
+
+Copies of the machine stand in the place of a batch of simulations, so that a policy can be judged on it, and one can
+learn on it, which is the limit of what any model of it can give.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
+
+from ...envs.any_robot.task import AnyRobotTask
+from ...envs.engine.batch import Step
+from ...envs.engine.task import Motion
+
+
+class Plant(Protocol):
+    """Copies of a machine (m of them, n joints each)."""
+
+    @property
+    def links(self) -> np.ndarray: ...
+    @property
+    def torques(self) -> np.ndarray: ...
+    @property
+    def speeds(self) -> np.ndarray: ...
+    @property
+    def duties(self) -> np.ndarray: ...
+    def place(self, which: np.ndarray, angles: np.ndarray) -> None: ...
+    def step(self, goals: np.ndarray) -> None: ...
+    def read(self) -> np.ndarray: ...
+
+
+class PlantEngine:
+    """A task on copies of a machine, as :class:`~sealegs.envs.engine.batch.BatchEngine` is one on simulations.
+
+    Attributes:
+        task: what is asked of the machine; it has a reference.
+        count: of the copies.
+        dt: control step [s].
+        steps: control steps since each copy started (m,).
+    """
+
+    def __init__(self, task: AnyRobotTask, plant: Plant, count: int, dt: float, episode: int) -> None:
+        """Take the machine.
+
+        Args:
+            task: see above.
+            plant: the copies.
+            count: of them.
+            dt: control step [s].
+            episode: control steps of an episode.
+        """
+        self.task, self.count, self.dt, self.episode = task, count, dt, episode
+        self._plant, self._numbers = plant, task.robot.parameters()
+        joints = len(task.names)
+        self.action_names = task.action_names()
+        limits = np.array([task.robot.limits[name] for name in task.names])
+        self._low, self._high = limits[:, 0], limits[:, 1]
+        self._command = np.zeros((count, task.commands(np.zeros((1, task.draws))).shape[1]))
+        self._action = np.zeros((count, joints))
+        self._reading, self._before = np.zeros((count, joints)), np.zeros((count, joints))
+        self._link_before = np.zeros((count, joints))
+        self.steps = np.zeros(count, dtype=np.int64)
+        self._random = np.random.default_rng(0)
+
+    def seed(self, seed: int) -> None:
+        """Of commands and starts."""
+        self._random = np.random.default_rng(seed)
+
+    def reset(self) -> np.ndarray:
+        """Start all copies; their observations (m, size)."""
+        self._start(np.arange(self.count))
+        return self._observation(self.motion(self._action))
+
+    def _start(self, chosen: np.ndarray) -> None:
+        task = self.task
+        random = self._random.random((len(chosen), task.draws))
+        self._command[chosen] = task.commands(random)
+        self.steps[chosen] = 0
+        start, per_action = self._reference()
+        noise = getattr(task, "start_noise", 0.0) * task.half * (2.0 * task.per_coordinate(random)[:, :, -1] - 1.0)
+        begin = np.clip(start[chosen] + noise, self._low, self._high)
+        self._plant.place(chosen, begin)
+        self._action[chosen] = np.clip((begin - start[chosen]) / per_action, -1.0, 1.0)
+        self._reading[chosen] = self._before[chosen] = self._plant.read()[chosen]
+        self._link_before[chosen] = self._plant.links[chosen]
+
+    def _reference(self) -> tuple[np.ndarray, np.ndarray]:
+        found = self.task.reference(self.steps * self.dt, self._command, self._numbers)
+        assert found is not None, "the task corrects a reference"
+        return found
+
+    def step(self, action: np.ndarray) -> Step:
+        """One control step of all copies; those whose episode ends start anew."""
+        previous, self._action = self._action, np.clip(np.asarray(action, np.float64), -1.0, 1.0)
+        zero, per_action = self._reference()
+        self._plant.step(np.clip(zero + per_action * self._action, self._low, self._high))
+        self.steps = self.steps + 1
+        self._before, self._reading = self._reading, self._plant.read()
+        motion = self.motion(previous)
+        terms = self.task.rewards(motion)
+        observation = self._observation(motion)
+        truncated = self.steps >= self.episode
+        done = np.flatnonzero(truncated)
+        final = observation[done]
+        self._link_before = motion.link
+        if len(done):
+            self._start(done)
+            observation[done] = self._observation(self.motion(self._action))[done]
+        never = np.zeros(self.count, bool)
+        reward = np.sum(list(terms.values()), axis=0)
+        return Step(observation, reward, never, truncated, terms, {"unstable": never}, done, final)
+
+    def motion(self, previous: np.ndarray) -> Motion:
+        """What the task sees of the machine now."""
+        link, none = self._plant.links, np.zeros((self.count, 0))
+        return Motion(
+            qpos=none, qvel=none, link=link, link_speed=(link - self._link_before) / self.dt, reading=self._reading,
+            reading_speed=(self._reading - self._before) / self.dt, torque=self._plant.torques,
+            motor_speed=self._plant.speeds, action=self._action, previous_action=previous, command=self._command,
+            time=self.steps * self.dt, numbers=self._numbers, duty=self._plant.duties,
+        )  # fmt: skip
+
+    def _observation(self, motion: Motion) -> np.ndarray:
+        return np.concatenate(self.task.observe(motion), axis=1).astype(np.float32)
+
+
+class PlantVecEnv(VecEnv):
+    """A :class:`PlantEngine` as Stable-Baselines3 learns on it."""
+
+    def __init__(self, engine: PlantEngine) -> None:
+        self.engine = engine
+        size, actions = len(engine.task.observation_names()), len(engine.action_names)
+        self.render_mode = None
+        super().__init__(
+            engine.count,
+            gym.spaces.Box(-np.inf, np.inf, (size,), np.float32),
+            gym.spaces.Box(-1.0, 1.0, (actions,), np.float32),
+        )
+        self._actions = np.zeros((engine.count, actions))
+        self._returns = np.zeros(engine.count)
+
+    def reset(self) -> np.ndarray:  # type: ignore[override]
+        """Start episodes everywhere."""
+        self._returns[:] = 0.0
+        return self.engine.reset()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Remember the actions; :meth:`step_wait` does the work."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """One control step of all copies."""
+        result = self.engine.step(self._actions)
+        self._returns += result.reward
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for row, number in enumerate(result.done):
+            infos[number] = {
+                "terminal_observation": result.final_observation[row],
+                "TimeLimit.truncated": True,
+                "episode": {"r": float(self._returns[number]), "l": self.engine.episode, "t": 0.0},
+            }
+            self._returns[number] = 0.0
+        return result.observation, result.reward.astype(np.float32), result.truncated, infos
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute, once for each copy."""
+        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of all copies."""
+        del indices
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method once."""
+        answer = getattr(self.engine, method_name)(*method_args, **method_kwargs)
+        return [answer] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """Whether episodes are monitored: their infos are there."""
+        from stable_baselines3.common.monitor import Monitor
+
+        return [wrapper_class is Monitor] * len(list(self._get_indices(indices)))

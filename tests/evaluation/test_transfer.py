@@ -1,0 +1,132 @@
+"""The transfer study: its figures, its order, and a machine that is no simulation of sealegs as a task's robot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sealegs.commands.transfer import main
+from sealegs.common.errors import SealegsError
+from sealegs.envs.any_robot.track import TrackTask
+from sealegs.evaluation.transfer.cells import EXTENDED, HAND, LIMIT, NOMINAL, on_plant
+from sealegs.evaluation.transfer.figures import figures_of, interquartile_mean, interval
+from sealegs.evaluation.transfer.machines import Hidden, case_of, publish, running
+from sealegs.evaluation.transfer.plant import PlantEngine, PlantVecEnv
+
+from testbed.everyday.machines import links_of
+from testbed.everyday.physics import simulate
+
+
+def errors(extended: float) -> dict[str, dict[str, np.ndarray]]:
+    return {
+        f"bench-{k}": {
+            NOMINAL: np.array([5.0, 5.2]) + 0.1 * k,
+            HAND: np.array([4.0, 4.4]),
+            EXTENDED: np.array([extended, extended + 0.1]),
+            LIMIT: np.array([2.0, 2.0]),
+        }
+        for k in range(5)
+    }
+
+
+def test_the_way_to_the_limit_is_counted_from_nominal() -> None:
+    found = figures_of(errors(2.5), EXTENDED)
+    assert found is not None
+    assert found.closed == pytest.approx((5.3 - 2.55) / (5.3 - 2.0))
+    assert found.better == found.machines == 5
+    assert found.worse == ()
+    assert found.share[1] <= found.share[0] <= found.share[2] <= 0.8
+
+
+def test_a_machine_on_which_the_extension_harms_is_named() -> None:
+    found = figures_of(errors(9.0), EXTENDED)
+    assert found is not None
+    assert found.better == 0
+    assert len(found.worse) == 5
+
+
+def test_an_interquartile_mean_leaves_the_outer_quarters_out() -> None:
+    assert interquartile_mean(np.array([-100.0, 1.0, 2.0, 100.0])) == 1.5
+    middle, low, high = interval([np.array([0.5, 0.7]), np.array([0.4, 0.6]), np.array([0.9, 1.0])])
+    assert low < middle < high
+
+
+def machine(tmp_path: Path, count: int = 2) -> PlantEngine:
+    hidden = Hidden("pan_tilt", 0, 100)
+    task = TrackTask.on(publish(hidden, tmp_path))(lead=0.0)
+    return PlantEngine(task, running(hidden, count, 0.02, 0), count, 0.02, 25)
+
+
+def test_a_machine_that_runs_moves_as_the_one_that_was_recorded(tmp_path: Path) -> None:
+    hidden = Hidden("leg", 0, 100)
+    case = case_of(hidden)
+    random = np.random.default_rng(0)
+    goals = np.array(case.machine.middle) + random.uniform(-0.2, 0.2, (20, 3))
+    plant = running(hidden, 1, 0.02, 0)
+    plant.place(np.array([0]), goals[:1])
+    for goal in goals:
+        plant.step(goal[None])
+    servos, tip = case.with_effects(case.effects)
+    links = links_of(case.machine, case.masses, tip)
+    _, _, angles, *_ = simulate(links, servos, 0.02 * np.arange(20), goals, 0.4)
+    np.testing.assert_allclose(plant.links[0], angles[-1], atol=1e-6)
+
+
+def test_a_task_on_a_machine_sees_what_its_encoders_say(tmp_path: Path) -> None:
+    engine = machine(tmp_path)
+    engine.seed(3)
+    seen = engine.reset()
+    names = engine.task.observation_names()
+    assert seen.shape == (2, len(names))
+    reading = seen[:, [names.index(f"motor reading of {joint} [rad]") for joint in ("pan", "tilt")]]
+    assert np.abs(reading - engine.motion(np.zeros((2, 2))).link).max() < 5e-3
+    total, error, _ = on_plant(lambda seen: np.zeros((len(seen), 2)), engine)
+    assert (total > 0.0).all() and (total <= 25.0).all()
+    assert (error > 1e-4).all() and (error < 0.5).all()
+
+
+def test_episodes_on_a_machine_end_and_begin_as_stable_baselines_expects(tmp_path: Path) -> None:
+    env = PlantVecEnv(machine(tmp_path))
+    env.reset()
+    for step in range(25):
+        _, _, done, infos = env.step(np.zeros((2, 2)))
+        assert done.all() == (step == 24)
+    assert {"terminal_observation", "episode", "TimeLimit.truncated"} <= infos[0].keys()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["robots=[spider]"], "no hidden machines 'spider'"),
+        (["least_loss=1.5"], "least_loss is 1.5; it is a share"),
+        (["treatments=[extended]"], "treatments must have 'nominal' and 'limit'"),
+        (["treatments=[nominal,limit,none]"], "there is no treatment 'none'"),
+    ],
+)
+def test_a_wrong_study_is_answered_in_one_sentence(arguments: list[str], sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(SealegsError, match=sentence):
+        main([*arguments, f"out={tmp_path / 'study'}"])
+
+
+@pytest.mark.long
+def test_a_small_study_goes_from_machines_to_a_table_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    small = ["robots=[bench]", "machines=2", "seeds=1", "seed=100", "least_loss=0", "workers=1", "episodes=4"]
+    small += ["total_timesteps=3200", "n_envs=16", f"out={out}"]
+    main(small)
+    document = json.loads((out / "transfer.json").read_text())
+    assert len(document["errors"]) == 2
+    assert all(len(own) == 8 for own in document["errors"].values()), "two references and six treatments"
+    assert (out / "bench.png").is_file()
+    assert "| limit | 1.00" in (out / "transfer.md").read_text()
+    cell = next((out / next(iter(document["errors"]))).glob("nominal-0.json"))
+    before = {file: file.stat().st_mtime_ns for file in out.glob("*/*.json") if file != cell}
+    kept = json.loads(cell.read_text())
+    cell.unlink()
+    main(small)
+    assert json.loads(cell.read_text())["reward"] == kept["reward"], "the same cell gives the same figures"
+    assert {file: file.stat().st_mtime_ns for file in before} == before, "what is done is not done again"
+    with pytest.raises(SealegsError, match="was begun with seed=100"):
+        main([*(word for word in small if not word.startswith("seed=")), "seed=7"])
