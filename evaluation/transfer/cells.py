@@ -174,7 +174,7 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
     import torch
     from gymnasium import spec
 
-    from ...agents.algorithms import build, normalized
+    from ...agents.algorithms import build, wrapped
     from ...agents.config import read_config
     from ...agents.make_env import stream_seed
     from ...agents.policy_files import policy_of
@@ -209,7 +209,7 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
         task = replace(task, lead=lead)
         seed = stream_seed(cell.seed, 0)
         machine = PlantVecEnv(on_machine(task, config.n_envs, seed % 2**31))
-        model = build(config.agent, normalized(machine, config.agent, training=True), seed)
+        model = build(config.agent, wrapped(machine, config.agent, training=True), seed)
     else:
         model, env = new_learner(config, config.actuator)
         task, _ = task_of(_plain({**config.env, **env.engine.fitted}))
