@@ -27,6 +27,7 @@ ALGORITHMS = {
     **{name: ("sb3_contrib", name.upper()) for name in ("ars", "tqc", "trpo")},
     "crossq": ("sb3_contrib", "CrossQ"),
     "recurrent_ppo": ("sb3_contrib", "RecurrentPPO"),
+    **{f"sbx_{name}": ("sbx", name.upper()) for name in ("ddpg", "ppo", "sac", "td3", "tqc")},
 }
 """Package and class of each algorithm for continuous actions, by its name in the config."""
 ALSO_CALLED = {"ppo_lstm": "recurrent_ppo"}
@@ -86,8 +87,9 @@ def name_of(model: BaseAlgorithm) -> str:
     Raises:
         SealegsError: it builds on none of :data:`ALGORITHMS`.
     """
-    names = {kind: name for name, (_, kind) in ALGORITHMS.items()}
-    found = next((names[kind.__name__] for kind in type(model).__mro__ if kind.__name__ in names), None)
+    names = {of: name for name, of in ALGORITHMS.items()}
+    classes = [(kind.__module__.partition(".")[0], kind.__name__) for kind in type(model).__mro__]
+    found = next((names[of] for of in classes if of in names), None)
     if found is None:
         raise SealegsError(f"{type(model).__name__} is none of the algorithms {', '.join(ALGORITHMS)}.")
     return found
@@ -162,7 +164,7 @@ def build(agent: Mapping[str, Any], env: VecEnv, seed: int | None) -> BaseAlgori
         if (start := schedule_start(value)) is not None:
             keywords[key] = LinearSchedule(start, 0.0, 1.0)
     if keywords.get("policy_kwargs"):
-        keywords["policy_kwargs"] = _policy_keywords(keywords["policy_kwargs"])
+        keywords["policy_kwargs"] = _policy_keywords(keywords["policy_kwargs"], agent["algorithm"])
     if (kind := agent.get("noise_type")) is not None:
         shape = env.action_space.shape or ()
         noise = np.full(shape, float(agent.get("noise_std", 0.1)), np.float32)
@@ -187,7 +189,7 @@ def _fit_batches(keywords: dict[str, Any], name: str, num_envs: int) -> None:
     """
     size, steps = keywords.get("batch_size"), keywords.get("n_steps")
     if (
-        name not in ("ppo", "recurrent_ppo")
+        name not in ("ppo", "recurrent_ppo", "sbx_ppo")
         or not isinstance(size, int)
         or not isinstance(steps, int)
         or size < 2
@@ -219,12 +221,13 @@ def schedule_start(value: Any) -> float | None:
         return None
 
 
-def _policy_keywords(keywords: Mapping[str, Any]) -> dict[str, Any]:
+def _policy_keywords(keywords: Mapping[str, Any], algorithm_name: str) -> dict[str, Any]:
     result = dict(keywords)
     name = result.get("activation_fn")
     if name is not None:
         if name not in ACTIVATIONS:
             known = ", ".join(ACTIVATIONS)
             raise SealegsError(f"agent.policy_kwargs.activation_fn '{name}' is not known: there are {known}.")
-        result["activation_fn"] = ACTIVATIONS[name]
+        jax = algorithm_name.startswith("sbx_")
+        result["activation_fn"] = getattr(importlib.import_module("jax.nn"), name) if jax else ACTIVATIONS[name]
     return result

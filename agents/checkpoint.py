@@ -20,6 +20,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from ..common.documents import read_json
 from ..common.errors import SealegsError
 from .algorithms import build, wrapped
+from .jax_models import is_jax, restore, states
 from .policy_files import save_policy
 from .run_folder import RunFolder
 from .weights import FILE, UntrustedError, check_like, loaded, read_tensors, read_zip, untrusted, write_tensors
@@ -128,7 +129,7 @@ def _read_pickles(path: Path, agent: Mapping[str, Any], env: VecEnv, trust: bool
 
 def _write_learner(path: Path, model: BaseAlgorithm) -> None:
     """Write all that the next update depends on beside the policy: optimisers, entropy, normaliser, counts."""
-    tensors = dict(_optimizer_state(model))
+    tensors = states(model) if is_jax(model) else dict(_optimizer_state(model))
     if (entropy := getattr(model, "log_ent_coef", None)) is not None:
         tensors["log_ent_coef"] = entropy
     tensors |= {f"normalizer.{name}": value for name, value in _moments(model.get_vec_normalize_env()).items()}
@@ -146,8 +147,11 @@ def _read_learner(path: Path, agent: Mapping[str, Any], env: VecEnv) -> BaseAlgo
     weights, _ = read_tensors(path / FILE)
     tensors, about = read_tensors(path / _LEARNER)
     model = build(agent, wrapped(env, agent, training=True), None)
-    check_like(weights, model.policy.state_dict(), path / FILE)
-    optimizers = {name: item for name, item in model.get_parameters().items() if name != "policy"}
+    if jax := is_jax(model):
+        tensors = restore(model, tensors, path / _LEARNER)
+    else:
+        check_like(weights, model.policy.state_dict(), path / FILE)
+    optimizers = {} if jax else {name: item for name, item in model.get_parameters().items() if name != "policy"}
     states = {name: _steps_of(tensors, name, path / _LEARNER) for name in optimizers}
     for name, state in states.items():
         _check_steps(name, state, _optimizer(model, name), path / _LEARNER)
@@ -160,8 +164,9 @@ def _read_learner(path: Path, agent: Mapping[str, Any], env: VecEnv) -> BaseAlgo
 
     groups = {name: item["param_groups"] for name, item in optimizers.items()}
     filled: dict[str, Any] = {name: {"state": state, "param_groups": groups[name]} for name, state in states.items()}
-    filled["policy"] = weights
-    model.set_parameters(filled, device="cpu")
+    if not jax:
+        filled["policy"] = weights
+        model.set_parameters(filled, device="cpu")
     if entropy is not None:
         entropy.data.copy_(rest["log_ent_coef"])
     for name, moments in _running(normalizer).items():

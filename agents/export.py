@@ -37,6 +37,7 @@ from ..envs.contract import KEY, Contract, ContractError, make_contract
 from ..envs.engine.batch import BatchEngine
 from ..envs.engine.sb3 import BatchVecEnv
 from .action_pipeline import ActionPipeline
+from .jax_models import is_jax, twin
 from .parts import TRANSPARENT, made
 from .policy_files import Acting, describe, load_model, trained_env
 from .policy_graph import Actor, PolicyGraph
@@ -162,7 +163,7 @@ def write_onnx(out: Path, model: BaseAlgorithm, description: Mapping[str, Any]) 
 
 def _actor(model: BaseAlgorithm) -> Actor:
     """The network from observation to action."""
-    policy = model.policy
+    policy = (twin(model) if is_jax(model) else model).policy
     policy.set_training_mode(False)
     if not isinstance(
         getattr(policy, "features_extractor", None) or getattr(policy, "actor", policy).features_extractor,

@@ -17,6 +17,7 @@ from ..common.documents import read_json
 from ..common.errors import SealegsError
 from ..configs.check import checked
 from ..envs.any_robot.user import trained_in
+from .jax_models import is_jax, twin
 from .make_env import checked_env
 from .weights import FILE, ZIP, UntrustedError, read_weights, read_zip, write_weights
 
@@ -27,7 +28,7 @@ def save_policy(folder: Path, model: BaseAlgorithm, description: dict[str, Any])
     Raises:
         OSError: the disk is full.
     """
-    write_weights(folder, model)
+    write_weights(folder, twin(model) if is_jax(model) else model)
     (folder / "policy.json").write_text(
         json.dumps(describe(model, model.get_vec_normalize_env()) | description, indent=2)
     )
@@ -39,6 +40,8 @@ def save_for_sb3(folder: Path, model: BaseAlgorithm) -> None:
     Raises:
         OSError: the disk is full.
     """
+    if is_jax(model):  # which Stable-Baselines3 cannot read
+        return
     archive = (
         io.BytesIO()
     )  # torch reports a full disk as a RuntimeError without a reason; a plain write says what it is

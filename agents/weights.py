@@ -136,15 +136,25 @@ def read_weights(folder: Path, description: Mapping[str, Any]) -> BaseAlgorithm:
     tensors, about = read_tensors(path)
     name = _checked_network(about, path)
     spaces = _spaces(description, folder, sum(value.numel() for value in tensors.values()), about)
-    taken = arguments(algorithm(name).__init__)
-    sizes = {"buffer_size": 1} if "buffer_size" in taken else {"n_steps": 2, "batch_size": 2}  # nothing is learnt
-    small = {key: value for key, value in {**sizes, "use_sde": about["use_sde"]}.items() if key in taken}
-    network = {"policy": about.get("policy", "MlpPolicy"), "policy_kwargs": about["policy_kwargs"]}
-    env = DummyVecEnv([lambda: _Nothing(*spaces)])
-    model = build({"algorithm": name, **network, **small, "device": "cpu"}, env, None)
+    model = for_acting({**about, "algorithm": name}, *spaces)
     check_like(tensors, model.policy.state_dict(), path)
     model.policy.load_state_dict(tensors)
     return model
+
+
+def for_acting(about: Mapping[str, Any], observations: gymnasium.Space, actions: gymnasium.Space) -> BaseAlgorithm:
+    """A model of a network, with whatever weights, and without simulations to learn in.
+
+    Args:
+        about: the network: ``algorithm``, ``policy``, ``use_sde``, ``policy_kwargs``.
+        observations, actions: what goes in and comes out.
+    """
+    taken = arguments(algorithm(about["algorithm"]).__init__)
+    sizes = {"buffer_size": 1} if "buffer_size" in taken else {"n_steps": 2, "batch_size": 2}  # nothing is learnt
+    small = {key: value for key, value in {**sizes, "use_sde": about["use_sde"]}.items() if key in taken}
+    network = {"policy": about.get("policy", "MlpPolicy"), "policy_kwargs": about["policy_kwargs"]}
+    env = DummyVecEnv([lambda: _Nothing(observations, actions)])
+    return build({"algorithm": about["algorithm"], **network, **small, "device": "cpu"}, env, None)
 
 
 class _Nothing(gymnasium.Env):

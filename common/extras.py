@@ -10,6 +10,7 @@ from .errors import SealegsError
 EXTRAS = {
     "train": ("imageio", "imageio_ffmpeg", "onnx", "stable_baselines3", "tensorboard", "torch"),
     "contrib": ("sb3_contrib",),
+    "sbx": ("sbx",),
     "report": ("jinja2", "matplotlib", "plotly"),
     "video": ("moviepy",),
     "hw": ("onnxruntime", "scservo_sdk", "serial"),

@@ -18,6 +18,7 @@ from sealegs.commands import train
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import choices
 from sealegs.configs.script import run as run_script
+from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.hw.run.policy import Policy
 
 from tests.quick import quick
@@ -32,6 +33,8 @@ OPTIONS = {
     "recurrent_ppo": [*ON_POLICY, "agent.batch_size=32", "agent.policy_kwargs.lstm_hidden_size=8"],
     "ars": ["agent.n_delta=2", "agent.n_top=1", "env.control_rate=10"],
     **dict.fromkeys(("crossq", "ddpg", "sac", "td3", "tqc"), OFF_POLICY),
+    "sbx_ppo": [*ON_POLICY, "agent.batch_size=32"],
+    **dict.fromkeys(("sbx_ddpg", "sbx_sac", "sbx_td3", "sbx_tqc"), OFF_POLICY),
 }
 ZOO = """
 defaults: &usual
@@ -81,17 +84,41 @@ def test_each_algorithm_has_a_config_and_the_rest_are_told_why_not(capsys: pytes
 def test_an_algorithm_learns_goes_on_and_acts_from_its_files(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if name.startswith("sbx"):
+        pytest.importorskip("sbx")
     assert run(*SMALL, f"agent={name}", *OPTIONS[name], f"out={tmp_path}", "name=first") == 0
     assert "No policy.onnx" not in capsys.readouterr().err
     final = tmp_path / "first" / "final"
     contract = Policy(final).contract
     assert contract.robot == "bench" and (contract.policy_memory > 0) == (name == "recurrent_ppo")
-    (final / "model.zip").unlink()
+    (final / "model.zip").unlink(missing_ok=name.startswith("sbx"))
     assert np.isfinite(mean_reward(final, "sts3215", episodes=1))
     longer = json.loads((final / "policy.json").read_text())["step"] + 128
     assert run(f"resume={tmp_path / 'first'}", f"total_timesteps={longer}") == 0
     assert json.loads((final / "policy.json").read_text())["step"] >= longer
     assert "cannot be read" not in capsys.readouterr().err
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["PPO", "TQC"])
+def test_a_learner_of_jax_goes_on_with_the_numbers_that_it_had(name: str, tmp_path: Path) -> None:
+    sbx = pytest.importorskip("sbx")
+    from sealegs.agents.jax_models import restore, states, twin
+
+    def learner(seed: int) -> Any:
+        env = BatchVecEnv("SeaLegs/Bench-v0", 2, seed=0)
+        short = {"n_steps": 16} if name == "PPO" else {"learning_starts": 8, "buffer_size": 100}
+        return getattr(sbx, name)("MlpPolicy", env, seed=seed, batch_size=8, policy_kwargs={"net_arch": [8]}, **short)
+
+    first, second = learner(0), learner(1)
+    first.learn(32)
+    kept, seen = states(first), np.random.default_rng(0).normal(size=(16, 6)).astype(np.float32)
+    assert restore(second, {**kept, "normalizer.x": kept[next(iter(kept))]}, tmp_path).keys() == {"normalizer.x"}
+    assert all(bool((value == kept[key]).all()) for key, value in states(second).items())
+    wanted = first.predict(seen, deterministic=True)[0]
+    assert second.predict(seen, deterministic=True)[0] == pytest.approx(wanted, abs=1e-6)
+    assert twin(first).predict(seen, deterministic=True)[0] == pytest.approx(wanted, abs=1e-5)
+    second.learn(32)
 
 
 def test_an_algorithm_whose_package_is_missing_names_the_extra(

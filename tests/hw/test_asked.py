@@ -178,3 +178,21 @@ def test_without_pygame_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(SealegsError, match=r"pip install 'sealegs\[gamepad\]'"):
         AskedPad(WalkTask())
+
+
+def test_a_policy_that_remembers_runs_on_the_virtual_bus(tmp_path: Path) -> None:
+    """The loop carries earlier observations and the LSTM's state from call to call, as it does a gait's memory."""
+    from sb3_contrib import RecurrentPPO
+    from stable_baselines3.common.vec_env import VecFrameStack
+
+    torch.manual_seed(0)
+    env = VecFrameStack(BatchVecEnv("SeaLegs/Track-v1", 2, seed=0, robot="bench", lead=0.05), 2)
+    model = RecurrentPPO("MlpLstmPolicy", env, policy_kwargs={"lstm_hidden_size": 8}, device="cpu")
+    network: Any = model.policy
+    with torch.no_grad():
+        network.action_net.weight.mul_(300.0)
+    policy = sealegs.export(model, tmp_path / "lstm.onnx")
+    assert Policy(policy).contract.policy_memory == 5 + 16
+    _, sent = deployed(policy, tmp_path, {"joint": 0.2})
+    correction = sent - 0.2
+    assert len(sent) == 100 and np.ptp(correction) > 0.005, "it corrects, and what it remembers changes that"

@@ -13,7 +13,7 @@ from sealegs.common.extras import CORE as BROUGHT
 from sealegs.common.extras import EXTRAS, MissingPackage, needed_for
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-DISTRIBUTIONS = {"scservo_sdk": "feetech-servo-sdk", "serial": "pyserial"}
+DISTRIBUTIONS = {"sbx": "sbx-rl", "scservo_sdk": "feetech-servo-sdk", "serial": "pyserial"}
 """Where the name in ``import`` is another than that in ``pip install``."""
 FAMILY = {"adafruit_extended_bus": "adafruit-extended-bus", "adafruit_": "adafruit-circuitpython-"}
 """The same by the beginning of the name, the first that fits."""
