@@ -6,6 +6,7 @@ with names, as for other learners (:mod:`agents.checkpoint`).
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -80,39 +81,38 @@ def restore(model: Any, tensors: Mapping[str, torch.Tensor], where: Path) -> dic
     Raises:
         SealegsError: they do not fit it.
     """
-    from flax import serialization, traverse_util
-
     check_like({name: value for name, value in tensors.items() if name.startswith(_STATE)}, states(model), where)
     for place, (owner, state) in _found(model).items():
         values = {name: tensors[f"{_STATE}{place}.{name}"].numpy().copy() for name in _flattened(state)}
         empty = {tuple(name.split("/")): {} for name in _emptied(state)}
-        nested = traverse_util.unflatten_dict({**{tuple(k.split("/")): v for k, v in values.items()}, **empty})
-        setattr(owner, place.rpartition(".")[2], serialization.from_state_dict(state, nested))
+        nested = _flax("traverse_util").unflatten_dict({**{tuple(k.split("/")): v for k, v in values.items()}, **empty})
+        setattr(owner, place.rpartition(".")[2], _flax("serialization").from_state_dict(state, nested))
     return {name: value for name, value in tensors.items() if not name.startswith(_STATE)}
 
 
 def _found(model: Any) -> dict[str, tuple[Any, Any]]:
     """Train states of a learner: by place, what holds them, and they."""
-    from flax.training.train_state import TrainState
-
     owners = {"model": model, "policy": model.policy}
     return {
         f"{word}.{name}": (owner, value)
         for word, owner in owners.items()
         for name, value in sorted(vars(owner).items())
-        if isinstance(value, TrainState)
+        if isinstance(value, _flax("training.train_state").TrainState)
     }
 
 
 def _flattened(state: Any) -> dict[str, Any]:
-    from flax import serialization, traverse_util
-
-    return traverse_util.flatten_dict(serialization.to_state_dict(state), sep="/")
+    return _flax("traverse_util").flatten_dict(_flax("serialization").to_state_dict(state), sep="/")
 
 
 def _emptied(state: Any) -> list[str]:
     """Places of a train state that hold nothing."""
-    from flax import serialization, traverse_util
-
-    kept = traverse_util.flatten_dict(serialization.to_state_dict(state), sep="/", keep_empty_nodes=True)
+    kept = _flax("traverse_util").flatten_dict(
+        _flax("serialization").to_state_dict(state), sep="/", keep_empty_nodes=True
+    )
     return [name for name in kept if name not in _flattened(state)]
+
+
+def _flax(module: str) -> Any:
+    """A module of Flax, which SBX brings."""
+    return importlib.import_module(f"flax.{module}")
