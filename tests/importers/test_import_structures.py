@@ -74,7 +74,7 @@ def test_joints_of_an_array_have_the_names_that_its_structures_have(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("name", "own", "outside"), [("data", True, False), ("joint", True, True), ("trial", False, True)]
+    ("name", "own", "outside"), [("data", True, False), ("data", True, True), ("trial", False, True)]
 )
 def test_an_array_of_structures_with_a_clock_each_or_called_as_runs_stays_runs(
     tmp_path: Path, name: str, own: bool, outside: bool
@@ -82,6 +82,15 @@ def test_an_array_of_structures_with_a_clock_each_or_called_as_runs_stays_runs(
     items = [signals(k, **({"t": TIME[:, None]} if own else {})) for k in range(3)]
     savemat(tmp_path / "log.mat", {name: structures(items), **({"t": TIME[:, None]} if outside else {})})
     assert [one.name for one in read_recordings(tmp_path / "log.mat")] == ["log-1", "log-2", "log-3"]
+
+
+@pytest.mark.parametrize("apart", [0.0, 7.0])
+def test_joints_with_a_clock_each_are_of_one_recording_where_the_clocks_are_the_same(
+    tmp_path: Path, apart: float
+) -> None:
+    items = [signals(k, t=(TIME + k * apart)[:, None]) for k in range(3)]
+    savemat(tmp_path / "log.mat", {"joint": structures(items)})
+    assert len(read_recordings(tmp_path / "log.mat")) == (3 if apart else 1)
 
 
 @pytest.mark.parametrize("labels", [("q_des", "q_meas"), ("", ""), ("q", "q")])

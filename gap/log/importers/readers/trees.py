@@ -40,26 +40,64 @@ def recordings_of(path: Path, kind: str, content: Tree) -> list[Recording]:
     Raises:
         LogError: there are no vectors.
     """
-    parts, notes = _parted(_flat(content))
+    places: dict[str, str] = {}
+    flat = _flat(_by_cells(content, places), places)
+    runs, notes = _runs(flat, places)
     return [
-        _recording(path, kind, _spread(run), name, notes)
-        for part, own in parts.items()
-        for name, run in _listed(_spread(own), f"{path.stem}-{part}" if part else path.stem).items()
+        _recording(path, kind, own, f"{path.stem}-{name}" if name else path.stem, notes) for name, own in runs.items()
     ]
 
 
 # --- structures ------------------------------------------------------------------------------------------------------
 
 
-def _flat(content: Tree, above: str = "") -> dict[str, Any]:
-    """Variables, those of structures by their dotted names; a signal of Simulink is its values."""
+def _flat(content: Tree, places: dict[str, str], above: str = "", whole: Tree | None = None) -> dict[str, Any]:
+    """Variables, those of structures by their dotted names; a signal of Simulink is its values.
+
+    The structures of an array are called by their labels, or by their number.
+
+    Args:
+        content: the variables.
+        places: takes the number of each structure of an array by its dotted name.
+        above: what the names begin with.
+        whole: variables that all of them lie in; None: these.
+    """
     out: dict[str, Any] = {}
+    whole = content if whole is None else whole
     for key, value in content.items():
+        name = f"{above}{key}"
         if _is_signal(value):
-            out[_label(value) or f"{above}{key}"] = np.squeeze(value["values"])
+            out[_label(value) or name] = np.squeeze(value["values"])
+        elif isinstance(value, Mapping):
+            out |= _flat(value, places, f"{name}.", whole)
+        elif not is_structures(value):
+            out[name] = value
         else:
-            out |= _flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+            labels = [_label(one) for one in value]
+            taken = {one.partition(".")[0] for one in (*whole, *out)}
+            alone = all(map(_is_signal, value))  # and no structure with several
+            if len({*labels} - {""} - taken) < len(labels):
+                labels = [f"{name.replace('.', '_') if alone else name}{k + 1}" for k in range(len(value))]
+            for k, (label, one) in enumerate(zip(labels, value, strict=True)):
+                places[label] = f"{k + 1:0{len(str(len(value)))}}"
+                own = {key: field for key, field in one.items() if key != "name"}
+                out |= (
+                    _flat({label: one | {"label": label}}, places) if alone else _flat(own, places, f"{label}.", whole)
+                )
     return out
+
+
+def _by_cells(content: Tree, places: dict[str, str]) -> Tree:
+    """Variables in which cells of arrays, of which each has a place for a run, are structures of these runs."""
+    lists = {name: value for name, value in content.items() if isinstance(value, list) and value}
+    cells = {name: value for name, value in lists.items()
+             if all(isinstance(one, np.ndarray) and one.size > 1 for one in value)}  # fmt: skip
+    counts = [len(value) for value in cells.values()]
+    count = max(set(counts), key=lambda n: (counts.count(n), n), default=1)
+    if count < 2:
+        return content
+    runs = [{name: value[k] for name, value in cells.items() if len(value) == count} for k in range(count)]
+    return {name: value for name, value in content.items() if name not in cells} | {"run": runs}
 
 
 def _is_signal(value: Any) -> bool:
@@ -77,46 +115,6 @@ def is_structures(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(one, Mapping) for one in value)
 
 
-def _spread(content: Tree) -> dict[str, Any]:
-    """Variables in which each array of structures that is no array of runs has become columns of one recording.
-
-    Signals of Simulink (``simout.signals(k).values``) are called by their labels, joints by their number, or by their
-    field ``name``.
-    """
-    out = {name: value for name, value in content.items() if not is_structures(value)}
-    for name, value in content.items():
-        if name in out:
-            continue
-        if not all(map(_is_signal, value)) and not _are_joints(name, value, content):
-            out[name] = value
-            continue
-        labels = [_label(one) for one in value]
-        if len({*labels} - {""}) < len(labels) or any(key.partition(".")[0] in labels for key in out):
-            labels = [f"{name}{k + 1}" for k in range(len(value))]
-        own = ({key: one[key] for key in one if key != "name"} for one in value)
-        out |= _spread(
-            _flat(
-                {
-                    label: dict(one, label=label) if _is_signal(one) else one
-                    for label, one in zip(labels, own, strict=True)
-                }
-            )
-        )
-    return out
-
-
-def _are_joints(name: str, value: Sequence[Tree], content: Tree) -> bool:
-    """Whether structures are a joint each: by the name of their array, or since their only clock lies outside it."""
-    fields = [{key.rpartition(".")[2]: one for key, one in _flat(own).items() if _is_vector(one)} for own in value]
-    words, lengths = _words(name.rpartition(".")[2]), {len(one) for own in fields for one in own.values()}
-    if any(said(key).signal == "time" for own in fields for key in own):
-        return False
-    if is_a("joints", *words) and not is_a("runs", *(words - {"log", "logs"})):  # servoLog
-        return True
-    clocks = {len(one) for key, one in content.items() if _is_vector(one) and said(key).signal == "time"}
-    return len(lengths) == 1 and not is_a("runs", *words) and bool(lengths & clocks)
-
-
 def _words(name: str) -> set[str]:
     return set(re.findall("[a-z]+", re.sub("(?<=[a-z])(?=[A-Z])", " ", name).lower()))
 
@@ -128,7 +126,7 @@ def _is_vector(value: Any) -> bool:
 # --- runs ------------------------------------------------------------------------------------------------------------
 
 
-def _parted(flat: Tree) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
+def _runs(flat: Tree, places: Mapping[str, str]) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
     """Variables of each run by its name, where structures or prefixes are a run each, else all under an empty name; and
     notes on what they were taken for. What stands beside the runs is in each of them."""
     paths = {name: _path(name) for name in flat}
@@ -140,13 +138,18 @@ def _parted(flat: Tree) -> tuple[dict[str, dict[str, Any]], tuple[str, ...]]:
                 owner[name] = child = path[len(above)]
                 own = name[len("".join(path[: len(above) + 1])) + len(above) + 1 :]
                 children.setdefault(child, {})[own] = flat[name]
-        runs, note = _siblings(children, above[-1] if above else "")
+        rest = {name: value for name, value in flat.items() if name not in owner}
+        number = {child: places.get(".".join((*above, child)), "") for child in children}
+        runs, note = _siblings(children, above[-1] if above else "", number, rest)
         if runs:
             shared = {name: value for name, value in flat.items() if owner.get(name) not in runs}
             taken = any(own.keys() & shared.keys() for own in runs.values())
             order = sorted(runs, key=lambda name: (len(name), name)) if _numbered(runs) else list(runs)
-            return {run: shared | {f"run.{name}" if taken else name: value for name, value in runs[run].items()}
-                    for run in order}, (note,) * bool(note)  # fmt: skip
+            return {
+                number[run] or run: shared
+                | {f"run.{name}" if taken else name: value for name, value in runs[run].items()}
+                for run in order
+            }, (note,) * bool(note)
         if note:
             return {"": dict(flat)}, (note,)
     return {"": dict(flat)}, ()
@@ -163,33 +166,43 @@ def _numbered(names: Any) -> bool:
     return len({re.sub(r"[_-]?\d+\Z", "", name) for name in names}) == 1 and all(name[-1:].isdigit() for name in names)
 
 
-def _siblings(children: dict[str, dict[str, Any]], above: str) -> tuple[dict[str, dict[str, Any]], str]:
+def _siblings(
+    children: dict[str, dict[str, Any]], above: str, number: Mapping[str, str], rest: Tree
+) -> tuple[dict[str, dict[str, Any]], str]:
     """Those of the variables that lie side by side which are a run each, and a note on what they are taken for.
 
-    They are called so, or have a clock each, or are numbered and of different lengths. Several joints may have a clock
-    each, too: of one recording where all clocks are the same, and nothing is called a run.
+    They are called so, or have a clock each, or are numbered and of different lengths, or are an array without a clock.
+    Several joints may have a clock each, too: of one recording where all clocks are the same.
+
+    Args:
+        children: variables by what lies side by side.
+        above: name of the structure that they lie in.
+        number: of each child in its array; empty where it is in none.
+        rest: variables that lie elsewhere.
     """
     forms: dict[frozenset[str], list[str]] = {}
     for name, own in children.items():
         if sum(map(_series, own.values())) >= FEWEST_SERIES and not said(name).signal:
             forms.setdefault(frozenset(key for key, value in own.items() if _series(value)), []).append(name)
     alike = max(forms.values(), key=len, default=[])
+    listed = all(number[name] for name in alike)
     clocks = [clock for name in alike if (clock := _clock(children[name])) is not None]
     timed = len(clocks) == len(alike) and all(
         sum(map(_series, children[name].values())) > FEWEST_SERIES for name in alike
     )
-    plural = is_a("runs", *(one for one in _words(above) - {"logs"} if one.endswith("s")))
-    called = all(
-        is_a("runs", *_words(name)) and (name[-1:].isdigit() or not _words(name) & {"log", "logs"}) for name in alike
-    )
-    lengths = {tuple(len(value) for value in children[name].values() if _series(value)) for name in alike}
-    called |= (plural and timed) or (_numbered(alike) and len(lengths) > 1)
     joints = any(is_a("joints", *_words(name)) for name in (above, *alike))
-    if len(alike) < 2 or not (called or (timed and not joints)):
+    logs = {"log", "logs"} if joints or not all(name[-1:].isdigit() for name in alike) else set()
+    plural = is_a("runs", *(one for one in _words(above) - {"logs"} if one.endswith("s")))
+    called = all(is_a("runs", *(_words(name) - logs)) for name in alike) or (plural and timed)
+    lengths = {tuple(len(value) for value in children[name].values() if _series(value)) for name in alike}
+    called |= (_numbered(alike) and len(lengths) > 1) or (listed and not joints and not clocks and _clock(rest) is None)
+    if len(alike) < 2 or not (called or timed):
         return {}, ""
     names = ", ".join(alike[:3]) + ", ..." * (len(alike) > 3)
-    if not called and (all(np.array_equal(one, clocks[0]) for one in clocks) or together(clocks)):
-        return {}, f"{names} were recorded at one time, by their clocks, and are taken for joints of one recording"
+    same = bool(clocks) and (all(np.array_equal(one, clocks[0]) for one in clocks) or together(clocks))
+    if same and not called and (joints or not listed):
+        note = f"{names} were recorded at one time, by their clocks, and are taken for joints of one recording"
+        return {}, "" if joints else note
     stems = {name.rstrip("0123456789") for name in alike} - {""}
     runs = {name: own for name, own in children.items()
             if name in alike or (name.rstrip("0123456789") in stems and _clock(own) is not None)}  # fmt: skip
@@ -198,39 +211,15 @@ def _siblings(children: dict[str, dict[str, Any]], above: str) -> tuple[dict[str
 
 def _clock(variables: Tree) -> Array | None:
     """The vector that is called as a clock and runs as one."""
-    named = (value for key, value in variables.items() if _is_vector(value) and said(key).signal == "time")
+    named = (value for key, value in variables.items() if _is_vector(value) and _is_clock(key))
     return next((clock for clock in named if clock_units(np.asarray(clock, np.float64))), None)
 
 
 def _series(value: Any) -> int:
     """Columns that a variable makes, at least."""
-    if is_structures(value):
-        return 0 if all(map(_is_signal, value)) else len(value)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub" or value.size < 2:
         return 0
     return min(value.shape) if value.ndim == 2 else 1
-
-
-def _listed(content: Tree, stem: str) -> dict[str, dict[str, Any]]:
-    """The variables of each run by its name: one run, or as many as cells or arrays of structures have places.
-
-    What is the same for all runs is in each of them. A name that an array of structures has says nothing of a joint.
-    """
-    several = {name: value for name, value in content.items() if is_structures(value) or (
-        isinstance(value, list) and value
-        and all(isinstance(one, np.ndarray) and one.size > 1 for one in value))}  # fmt: skip
-    counts = [len(value) for value in several.values()]
-    count = max(set(counts), key=lambda n: (counts.count(n), n), default=1)
-    runs: dict[str, dict[str, Any]] = {}
-    for k in range(count):
-        own = {name: value for name, value in content.items() if name not in several}
-        for name, value in several.items():
-            if len(value) == count:
-                fields = _flat({name: value[k]})
-                short = {key.removeprefix(f"{name}."): one for key, one in fields.items()}
-                own |= fields if short.keys() & own.keys() else short
-        runs[f"{stem}-{k + 1:0{len(str(count))}}" if count > 1 else stem] = own
-    return runs
 
 
 # --- one recording ---------------------------------------------------------------------------------------------------
