@@ -12,33 +12,16 @@ from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.lines import ASK
 from sealegs.gap.log.importers.proposal import propose
 
+from tests.importers.bags import Bag
 from tests.importers.test_import import motion
-from tests.importers.test_import_bags import START, Bag
 
-LIST = "std_msgs/msg/Float64MultiArray"
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 TIME = np.arange(600) * 0.01
 Signals = Sequence[np.ndarray]
 
 
-class ListBag(Bag):
-    """A bag with lists without names, which have no stamp."""
-
-    def __enter__(self) -> ListBag:
-        super().__enter__()
-        return self
-
-    def numbers(self, topic: str, seconds: float, values: Sequence[float]) -> None:
-        types = self.store.types
-        if topic not in self.topics:
-            self.topics[topic] = self.writer.add_connection(topic, LIST, typestore=self.store)
-        layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-        message = types[LIST](layout=layout, data=np.array(values, float))
-        self.writer.write(self.topics[topic], round(1e9 * (START + seconds)), self.store.serialize_cdr(message, LIST))
-
-
 def _record(path: Path, topic: str, goals: Signals, positions: Signals, joints: Sequence[str] = JOINTS) -> Path:
-    with ListBag(path) as bag:
+    with Bag(path) as bag:
         for k, t in enumerate(TIME):
             bag.numbers(topic, float(t), [goal[k] for goal in goals])
             bag.state("/joint_states", float(t) + 1e-4, joints[: len(positions)], [one[k] for one in positions])
@@ -91,7 +74,7 @@ def test_torques_of_a_list_that_no_motion_explains_are_asked_about(tmp_path: Pat
 def test_a_list_of_one_place_goes_to_the_joint_of_its_controller(tmp_path: Path) -> None:
     """``data[0]`` of ``joint1_controller`` was read as ``joint10``."""
     first, second = _moved(3), _moved(4)
-    with ListBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run") as bag:
         for k, t in enumerate(TIME):
             bag.numbers("/joint1_position_controller/commands", float(t), [first[0][k]])
             bag.numbers("/joint2_position_controller/commands", float(t), [second[0][k]])
@@ -103,7 +86,7 @@ def test_a_list_of_one_place_goes_to_the_joint_of_its_controller(tmp_path: Path)
 
 def test_measured_lists_without_names_are_left_out_with_a_reason(tmp_path: Path) -> None:
     (goal, position), (other, second) = _moved(3), _moved(4)
-    with ListBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run") as bag:
         for k, t in enumerate(TIME):
             bag.numbers("/position_controller/commands", float(t), [goal[k], other[k]])
             bag.numbers("/motor_state/temperature", float(t), [30.0 + 0.01 * k, 31.0 + 0.01 * k])
@@ -136,7 +119,7 @@ def _goals(path: Path) -> dict[str, str]:
 def test_each_of_two_arms_keeps_its_own_goals(tmp_path: Path, alike: bool, kind: str) -> None:
     """The right arm got the goals of the left one, and nobody was asked."""
     arms, source, out = _arms(alike), tmp_path / "run", tmp_path / "log"
-    with ListBag(source) as bag:
+    with Bag(source) as bag:
         for k, t in enumerate(TIME):
             for late, (arm, joints) in enumerate(arms.items()):
                 goals = [one["goal"][k] for one in joints]

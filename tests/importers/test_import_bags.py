@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,70 +14,8 @@ from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.proposal import propose
 
+from tests.importers.bags import NEW, OLD, Bag, Points
 from tests.importers.test_import import motion
-
-START = 1.7e9
-STATES, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
-DYNAMIC = "control_msgs/msg/DynamicJointState"
-Points = Sequence[tuple[float, Sequence[float], Sequence[float]]]
-
-
-class Bag:
-    """A bag with sqlite3 storage that carries no definitions, as ROS 2 Humble writes it."""
-
-    def __init__(self, path: Path) -> None:
-        pytest.importorskip("rosbags")
-        from rosbags.rosbag2 import Writer
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
-        # of the robot that records; who reads the bag has no definition of it
-        self.store.register(get_types_from_msg("std_msgs/Header header\nstring[] joint_names\n", DYNAMIC))
-        self.path, self.topics = path, dict[str, Any]()
-        self.writer = Writer(path, version=8)
-
-    def __enter__(self) -> Bag:
-        self.writer.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        import sqlite3
-
-        self.writer.close()
-        with sqlite3.connect(next(self.path.glob("*.db3"))) as data:
-            data.execute("DELETE FROM message_definitions")
-
-    def put(self, topic: str, kind: str, seconds: float, **fields: Any) -> None:
-        types = self.store.types
-        if topic not in self.topics:
-            self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
-        now = round(1e9 * seconds) + round(1e9 * START)
-        stamp = types["builtin_interfaces/msg/Time"](sec=now // 10**9, nanosec=now % 10**9)
-        message = types[kind](header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=""), **fields)
-        self.writer.write(self.topics[topic], now, self.store.serialize_cdr(message, kind))
-
-    def state(self, topic: str, seconds: float, names: Sequence[str], position: Sequence[float]) -> None:
-        none = np.array([])
-        self.put(
-            topic, STATES, seconds, name=list(names), position=np.array(position, float), velocity=none, effort=none
-        )
-
-    def trajectory(self, topic: str, seconds: float, names: Sequence[str], points: Points) -> None:
-        """Points as ``(after [s], positions, velocities)``."""
-        types, none = self.store.types, np.array([])
-        made = [
-            types["trajectory_msgs/msg/JointTrajectoryPoint"](
-                positions=np.array(positions, float),
-                velocities=np.array(velocities, float),
-                accelerations=none,
-                effort=none,
-                time_from_start=types["builtin_interfaces/msg/Duration"](
-                    sec=int(after), nanosec=round(1e9 * (after - int(after)))
-                ),
-            )
-            for after, positions, velocities in points
-        ]
-        self.put(topic, TRAJECTORY, seconds, joint_names=list(names), points=made)
 
 
 def test_a_topic_of_an_unknown_type_is_named_and_the_rest_is_read(tmp_path: Path) -> None:
@@ -87,7 +25,7 @@ def test_a_topic_of_an_unknown_type_is_named_and_the_rest_is_read(tmp_path: Path
         for k, t in enumerate(m["time"]):
             bag.state("/joint_states", float(t), ["elbow"], [m["smooth"][k]])
             bag.state("/arm/joint_command", float(t), ["elbow"], [m["goal"][k]])
-            bag.put("/dynamic_joint_states", DYNAMIC, float(t), joint_names=["elbow"])
+            bag.dynamic("/dynamic_joint_states", float(t), {"elbow": {"position": 0.0}})
     found = propose_for(source, out, robot="bench", actuator="ideal")
     assert "dynamic_joint_states: the bag does not say how control_msgs/msg/DynamicJointState" in found.text
     assert "MCAP" in found.text
@@ -97,7 +35,7 @@ def test_a_topic_of_an_unknown_type_is_named_and_the_rest_is_read(tmp_path: Path
 
 def test_a_bag_of_unknown_types_alone_says_which_and_what_to_do(tmp_path: Path) -> None:
     with Bag(tmp_path / "run") as bag:
-        bag.put("/dynamic_joint_states", DYNAMIC, 0.0, joint_names=["elbow"])
+        bag.dynamic("/dynamic_joint_states", 0.0, {"elbow": {"position": 0.0}})
     with pytest.raises(LogError, match=r"how /dynamic_joint_states \(control_msgs.*\) is laid out; .* MCAP") as raised:
         read_recordings(tmp_path / "run")
     assert "\n" not in str(raised.value)
@@ -210,88 +148,7 @@ def test_a_trajectory_without_points_is_listed(tmp_path: Path) -> None:
     assert "arm_controller.joint_trajectory" in propose([found]).unused
 
 
-BEGIN = 1.7e9
-JOINT_STATES = "sensor_msgs/msg/JointState"
-STATE, DYNAMIC = "control_msgs/msg/JointTrajectoryControllerState", "control_msgs/msg/DynamicJointState"
-INTERFACES = "control_msgs/msg/InterfaceValue"
-NEW, OLD = ("reference", "feedback", "error", "output"), ("desired", "actual", "error")
 NAMES = ("shoulder_joint", "elbow_joint")
-
-
-class ControllerBag:
-    """A bag that carries definitions, as ROS 2 Jazzy writes it; its controllers' states have some parts."""
-
-    def __init__(self, path: Path, parts: Sequence[str] = NEW) -> None:
-        pytest.importorskip("rosbags")
-        from rosbags.rosbag2 import Writer
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-        points = "".join(f"trajectory_msgs/JointTrajectoryPoint {part}\n" for part in parts)
-        named = "std_msgs/Header header\nstring[] joint_names\n"
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
-        self.store.register(
-            get_types_from_msg("string[] interface_names\nfloat64[] values\n", INTERFACES)
-            | get_types_from_msg(f"{named}control_msgs/InterfaceValue[] interface_values\n", DYNAMIC)
-            | get_types_from_msg(named + points, STATE)
-        )
-        self.parts, self.topics = parts, dict[str, Any]()
-        self.writer = Writer(path, version=9)
-
-    def __enter__(self) -> ControllerBag:
-        self.writer.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.writer.close()
-
-    def put(self, topic: str, kind: str, seconds: float, stamp: float | None = None, **fields: Any) -> None:
-        """A message received at a time after the start [s], with its stamp [s]; by default both are the same."""
-        types = self.store.types
-        if topic not in self.topics:
-            self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
-        received = round(1e9 * seconds) + round(1e9 * BEGIN)
-        stamped = received if stamp is None else round(1e9 * stamp)
-        time = types["builtin_interfaces/msg/Time"](sec=stamped // 10**9, nanosec=stamped % 10**9)
-        message = types[kind](header=types["std_msgs/msg/Header"](stamp=time, frame_id=""), **fields)
-        self.writer.write(self.topics[topic], received, self.store.serialize_cdr(message, kind))
-
-    def joints(self, topic: str, seconds: float, position: Mapping[str, float], stamp: float | None = None) -> None:
-        none = np.array([])
-        values = np.array(list(position.values()), float)
-        self.put(topic, JOINT_STATES, seconds, stamp, name=list(position), position=values, velocity=none, effort=none)
-
-    def point(self, positions: Sequence[float], velocities: Sequence[float] = ()) -> Any:
-        types, none = self.store.types, np.array([])
-        return types["trajectory_msgs/msg/JointTrajectoryPoint"](
-            positions=np.array(positions, float),
-            velocities=np.array(velocities, float),
-            accelerations=none,
-            effort=none,
-            time_from_start=types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0),
-        )
-
-    def controller(
-        self,
-        topic: str,
-        seconds: float,
-        goals: Mapping[str, float],
-        position: Sequence[float],
-        velocities: Sequence[float] = (),
-    ) -> None:
-        """A state: what is commanded at some velocities, and what is measured."""
-        wanted = list(goals.values())
-        error = self.point([goal - one for goal, one in zip(wanted, position, strict=True)])
-        said = {"error": error, "output": self.point(wanted)}
-        said |= dict.fromkeys(("reference", "desired"), self.point(wanted, velocities))
-        said |= dict.fromkeys(("feedback", "actual"), self.point(position))
-        self.put(topic, STATE, seconds, joint_names=list(goals), **{part: said[part] for part in self.parts})
-
-    def dynamic(self, topic: str, seconds: float, values: Mapping[str, Mapping[str, float]]) -> None:
-        made = [
-            self.store.types[INTERFACES](interface_names=list(one), values=np.array(list(one.values()), float))
-            for one in values.values()
-        ]
-        self.put(topic, DYNAMIC, seconds, joint_names=list(values), interface_values=made)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +175,7 @@ def named(values: Sequence[float] | NDArray[np.float64]) -> dict[str, float]:
 def test_a_controller_slower_than_the_joint_states_commands_their_joints(tmp_path: Path, parts: Sequence[str]) -> None:
     """Its held feedback was no joint that is known: phantoms took the goals, and the real joints had none."""
     m, source, out = moves(), tmp_path / "run", tmp_path / "log"
-    with ControllerBag(source, parts) as bag:
+    with Bag(source, parts=parts) as bag:
         for k, t in enumerate(m.time):
             bag.joints("/joint_states", float(t), named(m.position[k]))
             if k % 10 == 0:
@@ -338,7 +195,7 @@ def test_a_controller_slower_than_the_joint_states_commands_their_joints(tmp_pat
 
 
 def test_velocities_that_a_controller_commands_stand_beside_its_goals(tmp_path: Path) -> None:
-    with ControllerBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run", parts=NEW) as bag:
         for k in range(300):
             bag.joints("/joint_states", 0.01 * k, {"elbow": np.sin(0.01 * k)})
             bag.controller("/arm/state", 0.01 * k, {"elbow": np.sin(0.01 * k)}, [0.0], [np.cos(0.01 * k)])
@@ -349,7 +206,7 @@ def test_velocities_that_a_controller_commands_stand_beside_its_goals(tmp_path: 
 
 
 def test_of_two_controllers_of_a_joint_the_first_keeps_it(tmp_path: Path) -> None:
-    with ControllerBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run", parts=NEW) as bag:
         for k in range(300):
             bag.joints("/joint_states", 0.01 * k, {"elbow": np.sin(0.01 * k)})
             bag.controller("/first/state", 0.01 * k, {"elbow": 0.01 * k}, [0.0])
@@ -363,7 +220,7 @@ def test_of_two_controllers_of_a_joint_the_first_keeps_it(tmp_path: Path) -> Non
 
 def test_the_first_stamps_of_a_simulation_may_be_missing(tmp_path: Path) -> None:
     """With ``use_sim_time`` they are zero until the clock is heard: all went by the times of the bag, at half speed."""
-    with ControllerBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run", parts=NEW) as bag:
         for k in range(400):
             stamp = 1.0 + 0.005 * k
             bag.joints("/joint_states", 0.01 * k, {"elbow": 0.005 * k}, 0.0 if k < 3 else stamp)
@@ -376,7 +233,7 @@ def test_the_first_stamps_of_a_simulation_may_be_missing(tmp_path: Path) -> None
 
 
 def test_where_most_stamps_are_missing_the_bag_says_the_times(tmp_path: Path) -> None:
-    with ControllerBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run", parts=NEW) as bag:
         for k in range(100):
             bag.joints("/joint_states", 0.01 * k, {"elbow": 0.01 * k}, 0.0 if k < 60 else 5.0 + 0.02 * k)
     (found,) = read_recordings(tmp_path / "run")
@@ -386,7 +243,7 @@ def test_where_most_stamps_are_missing_the_bag_says_the_times(tmp_path: Path) ->
 
 def test_dynamic_joint_states_stand_in_for_joint_states(tmp_path: Path) -> None:
     m, source, out = moves(), tmp_path / "run", tmp_path / "log"
-    with ControllerBag(source) as bag:
+    with Bag(source, parts=NEW) as bag:
         for k, t in enumerate(m.time):
             values = {name: {"position": p, "effort": 2.0 * p} for name, p in named(m.position[k]).items()}
             bag.dynamic("/dynamic_joint_states", float(t), values)
@@ -404,7 +261,7 @@ def test_dynamic_joint_states_stand_in_for_joint_states(tmp_path: Path) -> None:
 
 
 def test_dynamic_joint_states_beside_joint_states_are_left_out_with_a_reason(tmp_path: Path) -> None:
-    with ControllerBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run", parts=NEW) as bag:
         for k in range(100):
             bag.joints("/joint_states", 0.01 * k, {"elbow": 0.01 * k})
             bag.dynamic("/dynamic_joint_states", 0.01 * k, {"elbow": {"position": 0.01 * k}})
@@ -417,7 +274,7 @@ def test_dynamic_joint_states_beside_joint_states_are_left_out_with_a_reason(tmp
 @pytest.mark.parametrize("parts", [NEW, OLD])
 def test_what_a_controller_measured_stands_in_for_joint_states(tmp_path: Path, parts: Sequence[str]) -> None:
     m, source, out = moves(), tmp_path / "run", tmp_path / "log"
-    with ControllerBag(source, parts) as bag:
+    with Bag(source, parts=parts) as bag:
         for k, t in enumerate(m.time):
             bag.controller("/arm_controller/state", float(t), named(m.goal[k]), list(m.position[k]))
     found = propose_for(source, out, robot="bench", actuator="ideal")
@@ -433,7 +290,7 @@ def test_what_a_controller_measured_stands_in_for_joint_states(tmp_path: Path, p
 
 
 def test_controllers_that_each_measured_some_joints_stand_in_together(tmp_path: Path) -> None:
-    with ControllerBag(tmp_path / "run") as bag:
+    with Bag(tmp_path / "run", parts=NEW) as bag:
         for k in range(300):
             bag.controller("/arm/state", 0.01 * k, {"shoulder": 0.0, "elbow": 1.0}, [0.01 * k, 0.0])
             if k % 2 == 0:

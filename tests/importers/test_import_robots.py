@@ -18,6 +18,7 @@ from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import Recording, import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.proposal import propose
 
+from tests.importers.bags import START, Bag
 from tests.importers.test_import import motion
 
 NAMES = ["shoulder_pan.pos", "gripper.pos"]
@@ -109,59 +110,23 @@ def test_a_data_set_without_joints_or_whole_files_gets_one_sentence(tmp_path: Pa
 # --- ROS -------------------------------------------------------------------------------------------------------------
 
 
-def bag(folder: Path, kind: str, *, effort: bool = True) -> Path:
-    """Joint states at 100 Hz and commands at 50 Hz, written by the library's own writer."""
-    rosbags = pytest.importorskip("rosbags")
-    assert rosbags is not None
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC if kind == "bag" else Stores.ROS2_HUMBLE)
-    types = store.types
-    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+def recorded(folder: Path, kind: str) -> Path:
+    """Joint states at 100 Hz and commands at 50 Hz."""
     m, n = motion(6.0, 100.0, 0.05, seed=3), motion(6.0, 100.0, 0.05, seed=4)
     path = folder / (f"run.{kind}" if kind == "bag" else "run")
-    writer: Any
-    if kind == "bag":
-        writer = Writer1(path)
-    else:
-        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-        writer = Writer2(path, version=8, storage_plugin=plugin)
-
-    def head(seconds: float) -> Any:
-        whole = int(seconds)
-        extra = {"seq": 0} if kind == "bag" else {}
-        return header(stamp=stamp(sec=whole, nanosec=int(1e9 * (seconds - whole))), frame_id="", **extra)
-
-    def message(seconds: float, values: list[float], speed: list[float], pull: list[float]) -> Any:
-        lists = (np.array(one, dtype=np.float64) for one in (values, speed, pull))
-        position, velocity, torque = lists
-        return types["sensor_msgs/msg/JointState"](
-            header=head(seconds), name=["elbow", "wrist"], position=position, velocity=velocity, effort=torque
-        )
-
-    with writer:
-        state = writer.add_connection("/joint_states", "sensor_msgs/msg/JointState", typestore=store)
-        command = writer.add_connection("/arm/joint_command", "sensor_msgs/msg/JointState", typestore=store)
+    with Bag(path, kind) as bag:
         for k, t in enumerate(m["time"]):
-            now = 1000.0 + float(t)
-            raw = store.serialize_ros1 if kind == "bag" else store.serialize_cdr
-            both = [float(m["smooth"][k]), float(n["smooth"][k])]
-            speed = [float(m["velocity"][k]), float(n["velocity"][k])]
-            sent = message(now, both, speed, [0.1 * s for s in speed] if effort else [])
-            writer.write(state, int(1e9 * now), raw(sent, "sensor_msgs/msg/JointState"))
+            both, speed = ([one[word][k] for one in (m, n)] for word in ("smooth", "velocity"))
+            bag.state("/joint_states", t, ["elbow", "wrist"], both, velocity=speed, effort=[0.1 * s for s in speed])
             if k % 2 == 0 and k >= 10:
-                goal = message(now, [float(m["goal"][k]), float(n["goal"][k])], [], [])
-                writer.write(command, int(1e9 * now), raw(goal, "sensor_msgs/msg/JointState"))
+                bag.state("/arm/joint_command", t, ["elbow", "wrist"], [m["goal"][k], n["goal"][k]])
     return next(path.glob("*.mcap")) if kind == "mcap" else path
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
 def test_joint_states_and_their_commands_become_a_log(tmp_path: Path, kind: str) -> None:
-    source, out = bag(tmp_path, kind), tmp_path / "log"
+    source, out = recorded(tmp_path, kind), tmp_path / "log"
     found = propose_for(source, out, robot="bench", actuator="ideal")
     assert not found.mapping.questions
     assert "the first 10 samples, before the first command, are left out" in found.text
@@ -183,35 +148,15 @@ def two_topics(
 
     Commands of joint states name the joints of ``names`` in turn, and their stamps are ``late`` after those of states.
     """
-    pytest.importorskip("rosbags")
-    from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types, states, array = store.types, "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
-    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-
-    def state(seconds: float, joints: Sequence[str], values: list[float]) -> Any:
-        whole, none = int(seconds), np.array([])
-        head = header(stamp=stamp(sec=whole, nanosec=round(1e9 * (seconds - whole))), frame_id="")
-        return types[states](header=head, name=list(joints), position=np.array(values), velocity=none, effort=none)
-
-    with Writer(path, version=8) as writer:
-        measured = writer.add_connection("/joint_states", states, typestore=store)
-        kind = array if command.endswith("commands") else states
-        sent = writer.add_connection(command, kind, typestore=store)
+    with Bag(path) as bag:
         for k in range(600):
-            now = 1.7e9 + 0.01 * k
-            if k % 5 == 0:
-                before = now - 1e-3
+            seconds = 0.01 * k
+            if k % 5 == 0 and command.endswith("commands"):
+                bag.numbers(command, seconds - 1e-3, [seconds])
+            elif k % 5 == 0:
                 who = names[k // 5 % len(names)]
-                layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-                goal = types[array](layout=layout, data=np.array([0.01 * k]))
-                if kind == states:
-                    goal = state(before + offset + late, who, [0.01 * k] * len(who))
-                writer.write(sent, round(1e9 * before), store.serialize_cdr(goal, kind))
-            message = state(now + offset, ["elbow", "wrist"], [0.01 * k, 0.0])
-            writer.write(measured, round(1e9 * now), store.serialize_cdr(message, states))
+                bag.state(command, seconds - 1e-3, who, [seconds] * len(who), START + seconds - 1e-3 + offset + late)
+            bag.state("/joint_states", seconds, ["elbow", "wrist"], [seconds, 0.0], START + seconds + offset)
     (found,) = read_recordings(path)
     return found
 
