@@ -57,17 +57,6 @@ def test_what_is_wrong_with_a_clock_is_said(tmp_path: Path, time: np.ndarray, se
     assert sentence in shown and "another clock" not in shown
 
 
-def test_days_of_a_spreadsheet_are_a_clock(tmp_path: Path) -> None:
-    path = table(tmp_path, {"Zeit": TIME, **DEG})
-    lines = path.read_text().splitlines()
-    rest = (line.partition(",")[2] for line in lines[1:])
-    path.write_text(
-        "\n".join([lines[0], *(f"{45413.5 + t / 86400:.10f},{r}" for t, r in zip(TIME, rest, strict=True))])
-    )
-    columns, asked, shown = texts_of(path)
-    assert columns["time"] == "Zeit*86400" and not asked and "days, as of a spreadsheet" in shown
-
-
 def test_a_file_without_a_clock_is_timed_by_its_rows(tmp_path: Path) -> None:
     path = table(tmp_path, DEG)
     columns, asked, shown = texts_of(path)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Sequence
 from collections.abc import Mapping as AnyMapping
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -120,11 +120,10 @@ def propose_for(
     Raises:
         LogError: the source cannot be read.
     """
-    found, without = read_source(source)
     machine = asked_robot(robot, out)
-    recordings, left = _alike(paired(found, source) or found)
-    left += without
-    recordings = joined(recordings, machine.joints, source)
+    recordings, rest, without = _read(source, machine.joints)
+    name = recordings[0].name
+    left = [f"{one.name} has other columns than {name}; import it on its own" for one in rest] + without
     known = dialects(dialect)
     proposal = propose(recordings, unit, machine.slides, known, machine.joints)
     machine.check_shares([name.rpartition(".")[0] for name, one in proposal.columns.items() if one.unit == PERCENT])
@@ -159,8 +158,8 @@ def _certain(proposal: Proposal, sidecar: dict[str, Any]) -> Mapping:
     return replace(certain.mapping(), sidecar=kept)
 
 
-def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
-    """The recordings whose columns most of them have, and sentences on the others.
+def _alike(recordings: list[Recording]) -> list[Recording]:
+    """The recordings whose columns most of them have.
 
     Of as many with each, those with the most samples; a list of a few rows beside runs is none.
     """
@@ -171,18 +170,20 @@ def _alike(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
         count[key] += recording.length >= FEWEST_RECORDED
         samples[key] += recording.length
     kind, columns = max(samples, key=lambda key: (count[key], samples[key]))
-    alike = [one for one in recordings if one.kind == kind and columns == one.columns.keys()]
-    rest = [one for one in recordings if not (one.kind == kind and columns == one.columns.keys())]
-    return alike, [f"{one.name} has other columns than {alike[0].name}; import it on its own" for one in rest]
+    return [one for one in recordings if one.kind == kind and columns == one.columns.keys()]
 
 
-def _read(source: Path, out: Path, mapping: Mapping) -> tuple[list[Recording], list[str]]:
-    """The recordings of a source as a proposal for the robot of a mapping has them, and sentences on files without."""
+def _read(source: Path, joints: Collection[str]) -> tuple[list[Recording], list[Recording], list[str]]:
+    """The recordings that a proposal is for, those that have other columns, and sentences on files without a sample.
+
+    Args:
+        source: file or folder.
+        joints: of the robot.
+    """
     found, without = read_source(source)
     found = paired(found, source) or found
-    alike, _ = _alike(found)
-    whole = joined(alike, robot_of(mapping.sidecar.get("robot"), out).joints, source)
-    return (found if whole is alike else [*whole, *(one for one in found if one not in alike)]), without
+    alike = _alike(found)
+    return joined(alike, joints, source), [one for one in found if one not in alike], without
 
 
 def import_logs(
@@ -212,7 +213,10 @@ def import_logs(
             f"about {', '.join(asked.about[:3])}: {ended(asked.ask)} Correct its lines under columns and remove it "
             "from questions."
         )
-    found, without = (list(recordings), []) if recordings is not None else _read(source, out, mapping)
+    found, without = list(recordings or ()), list[str]()
+    if recordings is None:
+        found, rest, without = _read(source, robot_of(mapping.sidecar.get("robot"), out).joints)
+        found += rest
     fitting = [recording for recording in found if fits(mapping, recording)]
     if not fitting:
         has = [*found[0].columns, *found[0].facts]

@@ -18,11 +18,9 @@ from .units import measures
 
 SLOWEST_PERIOD, FASTEST_PERIOD = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
 FASTEST_USUAL_PERIOD = 1e-4  # [s] of the fastest logs that are usual
-SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "d": 86400.0}
-"""Units of clocks [s]; days are those of spreadsheets, since 1900."""
-SPREADSHEET_DAYS = (2e4, 8e4)  # [d] of 1954 to 2119
+SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of clocks [s]."""
 SECONDS_SINCE_1970 = (9e8, 4.2e9)  # [s] of 1998 to 2103
-DAYS_OF_1970 = 25569.0
 NEVER = "it never changes"
 PERIODS = frozenset(["dt", "deltat", "period", "duration"])
 """Words for the time from one sample to the next."""
@@ -61,19 +59,13 @@ def clock_units(time: Array) -> list[str]:
     steps = np.diff(known)
     if len(steps) < 2 or (steps < 0).any() or np.median(steps) <= 0.0:
         return []
-    step, in_days = float(np.median(steps)), SPREADSHEET_DAYS[0] < known[0] < SPREADSHEET_DAYS[1]
-    return [
-        unit
-        for unit, second in SECONDS_IN_UNIT.items()
-        if FASTEST_PERIOD <= step * second <= SLOWEST_PERIOD and (unit != "d" or in_days)
-    ]
+    step = float(np.median(steps))
+    return [unit for unit, second in SECONDS_IN_UNIT.items() if FASTEST_PERIOD <= step * second <= SLOWEST_PERIOD]
 
 
 def units_of_the_day(time: Array) -> list[str]:
     """Units in which a clock is of the day; none where it may begin at any time."""
-    since = {
-        unit: SECONDS_IN_UNIT[unit] * (time[0] - (DAYS_OF_1970 if unit == "d" else 0.0)) for unit in clock_units(time)
-    }
+    since = {unit: SECONDS_IN_UNIT[unit] * time[0] for unit in clock_units(time)}
     return [unit for unit, seconds in since.items() if SECONDS_SINCE_1970[0] < seconds < SECONDS_SINCE_1970[1]]
 
 
@@ -262,8 +254,7 @@ def _line(name: str, values: Array, spoken: str, by_format: bool, told: bool) ->
         f"{1.0 / (step * SECONDS_IN_UNIT[one]):.5g} Hz in {one}"
         for one in (usual if len(usual) > 1 and unit not in since else [unit])
     ]
-    why = "days, as of a spreadsheet, " if unit == "d" else ""
-    why += f"a sample each {step:g} is one of {' or '.join(rates)}{': since 1970' * (unit in since and unit != 'd')}"
+    why = f"a sample each {step:g} is one of {' or '.join(rates)}{': since 1970' * (unit in since)}"
     text = column + _behind(unit)
     whole = step == 1.0 and unit != "s" and len(np.unique(np.diff(values))) == 1
     if by_format or (told and not whole and len(rates) == 1):

@@ -177,30 +177,23 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
 def _check_known(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
     """Time, goals and positions have a value in every sample; the key where leaves samples out that have none."""
     needed = [name for name in table if name == "time" or name.rpartition(".")[2] in REQUIRED_EVERYWHERE]
-    bad = {name: ~np.isfinite(table[name]) for name in needed}
-    lost = [name for name, samples in bad.items() if samples.any()]
-    if not lost:
+    bad = {name: lost for name in needed if (lost := ~np.isfinite(table[name])).any()}
+    if not bad:
         return
-    if bad[lost[0]].all():
+    name, lost = next(iter(bad.items()))
+    if lost.all():
         raise LogError(
-            f"{where}: column '{lost[0]}' has no finite value in any sample; correct '{mapping.columns[lost[0]]}'."
+            f"{where}: column '{name}' has no finite value in any sample; correct '{mapping.columns[name]}'."
         )
-    count, row = int(bad[lost[0]].sum()), int(np.argmax(bad[lost[0]])) + 1
-    said = f"{where}: column '{lost[0]}' has no value in {count} sample{'s' * (count > 1)}, the first in row {row}; "
-    left = len(bad[lost[0]]) - int(np.logical_or.reduce([bad[name] for name in lost]).sum())
+    left = int((~np.logical_or.reduce([*bad.values()])).sum())
+    what = f"{where}: column '{name}' has no value in {_samples(int(lost.sum()))}, the first in row {int(np.argmax(lost)) + 1}"
     if not left:
         raise LogError(
-            f"{said}no sample has a value of all of {', '.join(lost)}: a goal that is written only where it changes is "
+            f"{what}; no sample has a value of all of {', '.join(bad)}: a goal that is written only where it changes is "
             "hold(<column>) in the mapping."
         )
-    keep = "*".join(
-        [*dict.fromkeys(factor for name in lost for factor in _known_factors(mapping, name))]
-        + [f"({mapping.where})"] * bool(mapping.where)
-    )
-    raise LogError(
-        f"{said}leave them out by the line `where: {keep}` in the mapping, which keeps {left} "
-        f"sample{'s' * (left > 1)}, or record again."
-    )
+    factors = dict.fromkeys(factor for name in bad for factor in _known_factors(mapping, name))
+    raise LogError(_offered(what, [*factors], mapping, left))
 
 
 def _check_repeats(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
@@ -209,12 +202,19 @@ def _check_repeats(table: AnyMapping[str, Array], mapping: Mapping, where: str) 
     if not (steps == 0.0).any() or (steps < 0.0).any() or np.median(steps) == 0.0:
         return  # what is wrong with such clocks the checks of the log say
     count, at = int((steps == 0.0).sum()), int(np.argmax(steps == 0.0))
-    keep = "*".join([f"later({mapping.columns['time']})"] + [f"({mapping.where})"] * bool(mapping.where))
-    raise LogError(
-        f"{where}: column 'time' repeats in {count} sample{'s' * (count > 1)}, the first in row {at + 2} "
-        f"({table['time'][at]:.9g} s); leave them out by the line `where: {keep}` in the mapping, which keeps "
-        f"{len(steps) + 1 - count} samples, or record again."
-    )
+    what = f"repeats in {_samples(count)}, the first in row {at + 2} ({table['time'][at]:.9g} s)"
+    factors = [f"later({mapping.columns['time']})"]
+    raise LogError(_offered(f"{where}: column 'time' {what}", factors, mapping, len(steps) + 1 - count))
+
+
+def _samples(count: int) -> str:
+    return f"{count} sample{'s' * (count > 1)}"
+
+
+def _offered(what: str, factors: Sequence[str], mapping: Mapping, left: int) -> str:
+    """A sentence on samples that cannot stay, with the line that leaves them out."""
+    keep = "*".join([*factors, *[f"({mapping.where})"] * bool(mapping.where)])
+    return f"{what}; leave them out by the line `where: {keep}` in the mapping, which keeps {_samples(left)}, or record again."
 
 
 def _known_factors(mapping: Mapping, name: str) -> list[str]:
