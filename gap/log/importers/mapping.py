@@ -186,11 +186,12 @@ def _check_known(table: AnyMapping[str, Array], mapping: Mapping, where: str) ->
             f"{where}: column '{name}' has no finite value in any sample; correct '{mapping.columns[name]}'."
         )
     left = int((~np.logical_or.reduce([*bad.values()])).sum())
-    what = f"{where}: column '{name}' has no value in {_samples(int(lost.sum()))}, the first in row {int(np.argmax(lost)) + 1}"
+    count, row = int(lost.sum()), int(np.argmax(lost)) + 1
+    what = f"{where}: column '{name}' has no value in {_samples(count)}, the first in row {row}"
     if not left:
         raise LogError(
-            f"{what}; no sample has a value of all of {', '.join(bad)}: a goal that is written only where it changes is "
-            "hold(<column>) in the mapping."
+            f"{what}; no sample has a value of all of {', '.join(bad)}: a goal that is written only where it changes "
+            "is hold(<column>) in the mapping."
         )
     factors = dict.fromkeys(factor for name in bad for factor in _known_factors(mapping, name))
     raise LogError(_offered(what, [*factors], mapping, left))
@@ -214,7 +215,8 @@ def _samples(count: int) -> str:
 def _offered(what: str, factors: Sequence[str], mapping: Mapping, left: int) -> str:
     """A sentence on samples that cannot stay, with the line that leaves them out."""
     keep = "*".join([*factors, *[f"({mapping.where})"] * bool(mapping.where)])
-    return f"{what}; leave them out by the line `where: {keep}` in the mapping, which keeps {_samples(left)}, or record again."
+    line = f"the line `where: {keep}` in the mapping, which keeps {_samples(left)}"
+    return f"{what}; leave them out by {line}, or record again."
 
 
 def _known_factors(mapping: Mapping, name: str) -> list[str]:
