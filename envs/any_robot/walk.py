@@ -13,7 +13,6 @@ from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from ..engine.robot import Robot
 from ..engine.task import Motion, drawn
-from ..engine.turns import projected_gravity
 from ..robots import get_robot
 from .stand import Standing, standing
 from .task import AnyRobotTask, Numbers
@@ -148,24 +147,16 @@ class WalkTask(AnyRobotTask):
 
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion
-        parts = (m.command, self._gravity(m), self._turn_rate(m), m.reading - self.centre, m.reading_speed)
+        parts = (m.command, m.gravity, m.turn_rate, m.reading - self.centre, m.reading_speed)
         parts = (*parts, m.action, m.previous_action)
         if self.cadence > 0.0:
             phase = 2.0 * np.pi * (self.cadence * m.time % 1.0)
             parts = (*parts, np.sin(phase), np.cos(phase))
         return parts
 
-    def _gravity(self, motion: Motion) -> np.ndarray:
-        at = self.stance.qpos + 3
-        return projected_gravity(motion.qpos[:, at : at + 4])
-
     def _upright(self, motion: Motion) -> np.ndarray:
         """Cosine of the tilt of the base from the stance (n,)."""
-        return -(self._gravity(motion) * self.stance.up).sum(axis=1)
-
-    def _turn_rate(self, motion: Motion) -> np.ndarray:
-        at = self.stance.dof + 3
-        return motion.qvel[:, at : at + 3]
+        return -(motion.gravity * self.stance.up).sum(axis=1)
 
     # --- what it is worth --------------------------------------------------------------------------------------
 
@@ -212,7 +203,7 @@ class WalkTask(AnyRobotTask):
 
     def velocity(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of the base: forward, sideways and up (n, 3) [m/s], turn (n,) [rad/s], and other turning (n,) [rad/s]."""
-        at, rate, gravity = self.stance.dof, self._turn_rate(motion), self._gravity(motion)
+        at, rate, gravity = self.stance.dof, motion.turn_rate, motion.gravity
         turn = -(rate * gravity).sum(axis=1)
         other = np.sqrt(np.maximum((rate**2).sum(axis=1) - turn**2, 0.0))
         return self.ahead(motion, motion.qvel[:, at : at + 3]), turn, other
