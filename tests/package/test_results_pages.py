@@ -18,14 +18,14 @@ GIVEN = {
     "arm": "002 5.3 3.1 5.2 6 8 1",  # sections, and a control rate
     "biped": "003 44 24 30 1",  # equations, and settings of the simulation
     "confidence": "0.9 0.6",  # edges of the bins
-    "diagnosis": "5 24 0.9 1.2 95 120 240 1050 1060 1180",  # settings, seeds and bars
+    "diagnosis": "5 20 24 0.9 1.2 95 120 240 1050 1060 1180",  # settings, seeds and bars
     "hexapod": "001 0 10 1.5 3 1 5",  # loads, legs and a speed of the paper
     "hopper": "004 3 7 2.5 0.3 0.23 1",  # what the paper prints
     "how-fast": "24 1 100",  # settings
     "index": "0.9 0.6 10 72 100",  # edges of the bins, and settings
     "leg": "000 1 3 5 7",  # the paper's rule and its figure
     "papers": "004 001 000 003 002",
-    "policies": "60",
+    "policies": "60 0.1 20 30 100",  # settings
     "safety": "100 10",
 }
 """Numbers in the text of a page that are no figure of a run."""
