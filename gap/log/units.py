@@ -30,11 +30,6 @@ FACTOR: Mapping[str, float] = MappingProxyType({unit: _factor(text) for unit, te
 """The same as a number."""
 
 
-def behind(*units: str) -> dict[str, str]:
-    """The expressions of some units."""
-    return {unit: BEHIND[unit] for unit in units}
-
-
 def factors(*units: str) -> dict[str, float]:
     """The factors of some units."""
     return {unit: FACTOR[unit] for unit in units}

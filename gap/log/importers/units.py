@@ -10,55 +10,33 @@ import math
 import re
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pint
 
+from ....common.documents import read_yaml
 from ..units import BEHIND
 
-WORDS = {
-    word: unit
-    for unit, words in {
-        "deg": "deg degree degrees degs grad grados degres degrés gradi °", "rad": "rad rads radian radians",
-        "turn": "turn turns rev revs revolution revolutions rots rotations", "rpm": "rpm", "arcmin": "arcmin",
-        "arcsec": "arcsec", "deg/s": "dps", "turn/s": "rps", "erpm": "erpm", "s": "s sec secs second seconds",
-        "tick": "tick ticks count counts steps raw inc incr increments",
-        "ms": "msec millis", "us": "usec micros", "ns": "nsec nanosec", "min": "minutes", "h": "hours", "d": "days",
-        "N.m": "nm", "N": "n newton newtons", "A": "a amp amps ampere amperes", "V": "v volt volts",
-        "%": "percent pct normalized norm", "m": "m meter meters metre metres", "in": "inch inches", "kgf": "kgf",
-        "gf": "gf", "lbf": "lbf", "ozf": "ozf", "degC": "degc celsius", "degF": "degf fahrenheit", "K": "kelvin",
-    }.items()
-    for word in words.split()
-}  # fmt: skip
-"""Units by the words that say them; ``erpm`` are electrical rounds, of which a motor has one a pole pair."""
-ALONE = {
-    word: unit
-    for unit, words in {
-        "degC": "°c c", "degF": "°f f", "K": "k", "%": "%", "rpm": "u/min tr/min g/min 1/min r/min rev/min",
-        "deg/s": "°/s", "min": "min", "h": "h hr", "d": "d", "ft": "ft foot feet", "in": "in",
-        "turn": "rot rotation cycle cycles",
-    }.items()
-    for word in words.split()
-}  # fmt: skip
-"""Units as they stand in brackets, where no word of a name can be meant."""
+TABLE = read_yaml(Path(__file__).with_name("units.yaml"))
+
+
+def _by_word(section: str) -> dict[str, str]:
+    return {word: unit for unit, words in TABLE[section].items() for word in words.split()}
+
+
+WORDS, ALONE, FORCES, ARMS = (_by_word(section) for section in ("words", "in_brackets", "forces", "arms"))
+"""Units by the words that say them: anywhere, in brackets, and as force and arm of a torque."""
+PREFIXES, PINT = _by_word("prefixes"), _by_word("pint")
 UNIT_OR_NAME = ("rot", "rotation", "cycle", "cycles")
 """Words that, outside brackets, name a joint as often as they say turns."""
 TEMPERATURES = {"degC": "{}", "0.1 degC": "{}*0.1", "degF": "({} - 32)/1.8", "K": "({} - 273.15)"}
 """Expression of a temperature by its unit."""
-PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "centi": "c", "deci": "d", "kilo": "k"}
 PREFIXED = ("rad", "deg", "turn", "m", "s", "A", "V", "N", "N.m", "rpm")
 """Units that stand behind a prefix."""
-PINT = {"turn": "turn", "A": "ampere", "V": "volt", "d": "day", "in": "inch", "ft": "foot", "gf": "force_gram",
-        "lbf": "force_pound", "ozf": "force_ounce", "kgf": "force_kilogram", "min": "minute", "h": "hour",
-        "s": "second", "m": "meter", "N": "newton", "cm": "centimeter", "mm": "millimeter"}  # fmt: skip
-"""Names of pint for what it would read otherwise, or not."""
 QUANTITIES = {"way": "meter", "speed": "meter/second", "rate": "1/second", "time": "second", "current": "ampere",
               "voltage": "volt", "angle": "radian", "force": "newton", "torque": "newton*meter"}  # fmt: skip
 """Quantities by a unit of each."""
-FORCES = {"n": "N", "mn": "mN", "un": "uN", "kn": "kN", "cn": "cN", "kg": "kgf", "kgf": "kgf", "kp": "kgf", "g": "gf",
-          "gf": "gf", "lb": "lbf", "lbs": "lbf", "lbf": "lbf", "pound": "lbf", "oz": "ozf", "ozf": "ozf",
-          "ounce": "ozf"}  # fmt: skip
-ARMS = {"m": "m", "cm": "cm", "mm": "mm", "in": "in", "inch": "in", "ft": "ft", "foot": "ft"}
 _BASE = "[numcdk]?(?:rad|deg|turn|rpm|[msAVN])|arcmin|arcsec|min|[hd]|in|ft|kgf|gf|lbf|ozf"
 SPELT = re.compile(rf"(?:{_BASE})(?:\.(?:{_BASE}))?(?:/(?:s|min|h))?")
 """Units in their spelling here."""
