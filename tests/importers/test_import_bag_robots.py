@@ -182,8 +182,12 @@ def test_a_command_that_names_no_arm_is_not_given_to_one(tmp_path: Path) -> None
 def test_an_arm_that_is_led_by_hand_is_the_goal_of_the_one_that_follows_it(tmp_path: Path) -> None:
     with Bag(tmp_path / "run") as bag:
         for k, t in enumerate(TIME):
-            bag.state("/leader/joint_states", float(t), NAMES, [one["goal"][k] for one in _ARMS[0]])
+            if k % 4 == 0:
+                bag.state("/leader/joint_states", float(t), NAMES, [one["goal"][k] for one in _ARMS[0]])
             bag.state("/follower/joint_states", float(t) + 1e-3, NAMES, [one["smooth"][k] for one in _ARMS[0]])
+    (recording,) = read_recordings(tmp_path / "run")
+    held = np.repeat(_ARMS[0][0]["goal"][::4], 4)
+    np.testing.assert_allclose(recording.columns["leader.joint_states.joint1.position"], held, atol=1e-9)
     assert _goals(tmp_path / "run") == {f"{name}.goal": f"leader.joint_states.{name}.position" for name in NAMES}
 
 

@@ -218,8 +218,10 @@ class _Table:
         for name in robots.joints:
             if name != self.main:
                 called = ", ".join(robots.joints[name].values())
-                self.notes.append(f"{name} is of another robot, for its joints have the same names: {called}")
-                self._without(self._measured(name, robots.joints[name]), f"{name} has no value")
+                led = any(map(is_led, robots.joints[name].values()))
+                what = "led by hand" if led else "of another robot"
+                self.notes.append(f"{name} is {what}, for its joints have the same names: {called}")
+                self._without(self._measured(name, robots.joints[name], led=led), f"{name} has no value")
         for name, topic in near.items():
             if topic.is_a(CONTROLLER):
                 self._controller(name, topic, robots)
@@ -289,8 +291,9 @@ class _Table:
         self._without(there, "not all joints were measured")
 
     def _measured(
-        self, name: str, names: Mapping[str, str], rows: pd.DataFrame | None = None, rest: Sequence[str] = ()
-    ) -> NDArray[np.bool_]:
+        self, name: str, names: Mapping[str, str], rows: pd.DataFrame | None = None, rest: Sequence[str] = (),
+        led: bool = False,
+    ) -> NDArray[np.bool_]:  # fmt: skip
         """Take what joint states measured, linear between their messages where these are not the rows themselves.
 
         Args:
@@ -298,6 +301,7 @@ class _Table:
             names: of its joints in the log.
             rows: messages that are the rows; None where none is.
             rest: joints that only other messages name.
+            led: whether the arm is led by hand: what it measures is what the other one is told, and holds.
 
         Returns:
             Where all that is linear has a value.
@@ -309,7 +313,7 @@ class _Table:
             if rows is not None and joint not in rest:
                 values = rows[field].to_numpy(np.float64)
             else:
-                values = topic.between(field, self.time)
+                values = topic.in_force(field, self.time)[0] if led else topic.between(field, self.time)
                 share = float(np.isfinite(values).mean())
                 if share < LEAST_COVERED:
                     self.left[column] = f"its messages have it along {100.0 * share:.0f} % of the samples"
