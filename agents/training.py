@@ -162,7 +162,8 @@ class Session:
         check_sources(run, config.env["id"], env)
         loaded = load_newest(run, config.agent, env, trust)
         if loaded is None:
-            print(f"{run.path} has no checkpoint yet: starting from step 0.")
+            if (run.path / "run.json").is_file():  # a seed that was only laid has not begun before
+                print(f"{run.path} has no checkpoint yet: starting from step 0.")
             model, env = new_learner(config, actuator)
             evaluations = None
         else:
