@@ -48,7 +48,8 @@ class NamedCause:
             docs/verdict.md. The win rate is the share of block-bootstrap draws in which it beats every other candidate
             on data that its fit did not see.
         parameters: by path.
-        gain: error that it removes, as a share of the error without it; cross-validated on the data that chose it.
+        gain: error that it removed when it was found, as a share of the error before; cross-validated on the data that
+            chose it.
         kind: ``effect`` that the model lacks, wrong ``number`` of the model, or, where a column's fault is itself what
             is fitted (a torque column that lags), ``data``.
         picture: which picture shows it.
