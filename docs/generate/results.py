@@ -364,6 +364,41 @@ def confidence() -> dict[str, Any]:
     return {**benches(), "ground": ground(), "arms": arm_shares(), "wanted": wanted("covered")}
 
 
+TRANSFER = ("extended", "extended, drawn")
+"""Of the treatments of the transfer study, what a diagnosis gives."""
+
+
+def transfer() -> dict[str, Any]:
+    """Figures of the page on transfer, beside the bars of the product; of a part of the machines that they are for."""
+    document = numbers("transfer")
+    figures = {row["treatment"]: row for row in document["figures"]}
+    rows = []
+    for name in TRANSFER:
+        own = figures[name]
+        of, worse = own["machines"], len(own["worse"])
+        told = [
+            ("share of the limit's accuracy, median machine", "at least 0.9", f"{own['median']:.2f}",
+             own["median"] >= 0.9),
+            ("way from nominal to limit closed, median machine", "at least 80 %", f"{own['closed']:.0%}",
+             own["closed"] >= 0.8),
+            ("better than both randomisations", "16 of 20", f"{own['better']} of {of}", own["better"] >= 0.8 * of),
+            ("worse than nominal by more than noise", "none", f"{worse} of {of}", worse == 0),
+        ]  # fmt: skip
+        rows += [(name, what, bar, reached, "yes" if holds else "**no**") for what, bar, reached, holds in told]
+    first = Measured()["transfer"].tables[0]
+    machine = "pan_tilt-5900"
+    play = next(row for row in document["hidden"][machine]["effects"] if row["name"] == "play")
+    errors = document["errors"][machine]
+    learnt = [1e3 * np.mean(row) for name, row in errors.items() if name != "limit" and "reference" not in name]
+    return {
+        "table": table(first.heads, first.rows),
+        "found": table(("trained on", "figure", "bar", "reached", "holds"), rows),
+        "play": f"{1e3 * max(play['moves'].values()):.1f}",
+        "size": f"{1e3 * play['size']:.0f}",
+        "others": f"{min(learnt):.1f} to {max(learnt):.1f}",
+    }
+
+
 FIGURES: Mapping[str, Callable[[], Mapping[str, Any]]] = {
     "confidence": confidence,
     "diagnosis": diagnosis,
@@ -372,6 +407,7 @@ FIGURES: Mapping[str, Callable[[], Mapping[str, Any]]] = {
     "papers": papers,
     "policies": policies,
     "safety": safety,
+    "transfer": transfer,
 }
 """What each page works out itself."""
 

@@ -87,7 +87,7 @@ def diagnosed(hidden: Hidden, out: Path) -> None:
     from ...gap.output.document import FILE
 
     robot = publish(hidden, folder)
-    data, truth = recorded(hidden, robot.parent)
+    data = recorded(hidden, robot.parent)
     began = time.perf_counter()
     if not (folder / "diagnosis" / FILE).is_file():
         found = diagnose(data, workers=1, keep=folder / "diagnosis")
@@ -95,7 +95,6 @@ def diagnosed(hidden: Hidden, out: Path) -> None:
     document = read_json(folder / "diagnosis" / FILE)
     rows = document.get("joints") or [document]
     kept = {
-        "hidden": truth,
         "seconds": time.perf_counter() - began,
         "joints": {
             row["joint"]: {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import trim_mean
@@ -111,13 +112,16 @@ def noise(one: np.ndarray, other: np.ndarray) -> float:
     return 2.0 * float(np.sqrt(sum(spread)))
 
 
-def table(errors: Errors, passed_over: Sequence[str], told: Sequence[str]) -> str:
+def table(
+    errors: Errors, passed_over: Sequence[str], told: Sequence[str], hidden: Mapping[str, Mapping[str, Any]]
+) -> str:
     """The study as Markdown.
 
     Args:
         errors: of the machines that are counted.
         passed_over: machines that were tried and are not counted.
         told: lines about the study: how it was run.
+        hidden: by machine, what it hides (``effects``) and what was named at its joints (``joints``).
     """
     lines = ["# Transfer", "", *told, ""]
     lines += ["| trained on | share of the limit's accuracy, IQM (95 %) | median machine | way to the limit closed |"
@@ -142,6 +146,24 @@ def table(errors: Errors, passed_over: Sequence[str], told: Sequence[str]) -> st
     lines += [f"| machine | {' | '.join(names)} |", f"|---|{'---|' * len(names)}"]
     for name, own in errors.items():
         lines.append(f"| {name} | {' | '.join(_told(own.get(treatment)) for treatment in names)} |")
+    lines += [
+        "",
+        "What each machine hides, with how far it moves the log [mrad, rms], and what the diagnosis named:",
+        "",
+    ]
+    lines += ["| machine | hidden | named | way to the limit closed, extended |", "|---|---|---|---|"]
+    for name, own in errors.items():
+        found = figures_of({name: own}, EXTENDED)
+        effects = [
+            f"{row['name']} at {row['joint']} {1e3 * max(row['moves'].values()):.1f}" for row in hidden[name]["effects"]
+        ]
+        named = [
+            f"{cause} at {joint} ({sure:.2f})"
+            for joint, row in hidden[name]["joints"].items()
+            for cause, sure in row["causes"].items()
+        ]
+        closed = "-" if found is None else f"{found.closed:.0%}"
+        lines.append(f"| {name} | {', '.join(effects) or '-'} | {', '.join(named) or '-'} | {closed} |")
     if passed_over:
         lines += ["", f"Passed over, since nominal lost too little there: {', '.join(passed_over)}."]
     return "\n".join(lines) + "\n"

@@ -94,15 +94,31 @@ def publish(hidden: Hidden, folder: Path) -> Path:
 
 
 def recorded(hidden: Hidden, folder: Path) -> Any:
-    """Logs of the machine as a hobbyist makes them, and what it hides."""
-    recordings, truth = testbed("everyday").record_drawn(case_of(hidden), folder)
+    """Logs of the machine as a hobbyist makes them."""
+    recordings, _ = testbed("everyday").record_drawn(case_of(hidden), folder)
     recordings = [one._replace(robot=str(folder / "machine.xml"), robot_params={}) for one in recordings]
     logs = testbed("logs")
     from ...gap.log.types import MeasuredSet
 
-    return MeasuredSet(tuple(map(logs.measured_run, recordings)), hidden.name), truth["effects"]
+    return MeasuredSet(tuple(map(logs.measured_run, recordings)), hidden.name)
 
 
 def running(hidden: Hidden, count: int, dt: float, seed: int) -> Any:
     """Copies of the machine that run."""
     return testbed("everyday").Running(case_of(hidden), count, dt, seed)
+
+
+def hidden_in(hidden: Hidden) -> list[dict[str, Any]]:
+    """What a machine hides, what moves its log most first: name, joint, size, rms change of each joint's log [rad]."""
+    case = case_of(hidden)
+    moved = testbed("everyday.recorded").effect_of_each(case)
+    rows = [
+        {
+            "name": name,
+            "joint": "all" if joint < 0 else case.machine.joints[joint],
+            "size": size,
+            "moves": dict(zip(case.machine.joints, map(float, row), strict=True)),
+        }
+        for (name, joint, size), row in zip(case.effects, moved, strict=True)
+    ]
+    return sorted(rows, key=lambda row: -max(row["moves"].values()))

@@ -23,7 +23,7 @@ from ...common.errors import SealegsError
 from ...common.processes import exit_with_parent
 from .cells import LIMIT, NOMINAL, REFERENCES, SCREENING, TREATMENTS, Cell, Recipe, diagnosed, judged
 from .figures import Errors, errors_of, figures_of, table
-from .machines import Hidden, check_robot
+from .machines import Hidden, check_robot, hidden_in
 
 RESULT = "transfer.json"
 TABLE = "transfer.md"
@@ -89,26 +89,28 @@ def run(study: Study, out: Path, workers: int, say: Say) -> dict[str, Any]:
             for treatment in study.treatments
         ]
         pool.all("training and judging", [partial(judged, cell, study.recipe, out) for cell in cells])
-    return tell(study, out, [hidden.name for hidden in chosen], passed_over)
+    return tell(study, out, chosen, passed_over)
 
 
-def tell(study: Study, out: Path, machines: Sequence[str], passed_over: Sequence[str]) -> dict[str, Any]:
-    """Write what the kept cells say."""
+def tell(study: Study, out: Path, chosen: Sequence[Hidden], passed_over: Sequence[str]) -> dict[str, Any]:
+    """Write what the kept cells say, of machines whose diagnosis is done."""
+    machines = [hidden.name for hidden in chosen]
     rows = [
         read_json(file) for name in machines for file in sorted((out / name).glob("*.json")) if file.stem != "diagnosis"
     ]
     errors = errors_of([row for row in rows if isinstance(row, dict)], machines, range(study.seeds))
     found = [figure for name in (*REFERENCES, *TREATMENTS) if (figure := figures_of(errors, name)) is not None]
+    hidden = {one.name: {"effects": hidden_in(one), **read_json(out / one.name / "diagnosis.json")} for one in chosen}
     document = {
         "study": _plain(study),
         "figures": [asdict(one) for one in found],
         "errors": {name: {key: value.tolist() for key, value in own.items()} for name, own in errors.items()},
         "saturated": _saturated(rows, machines),
-        "hidden": {name: read_json(out / name / "diagnosis.json") for name in machines},
+        "hidden": hidden,
         "passed_over": list(passed_over),
     }
     write_text(out / RESULT, json.dumps(document, indent=1) + "\n", replace=True)
-    write_text(out / TABLE, table(errors, passed_over, _how(study)), replace=True)
+    write_text(out / TABLE, table(errors, passed_over, _how(study, machines), hidden), replace=True)
     for robot in study.robots:
         own: Errors = {name: errors[name] for name in machines if name.startswith(f"{robot}-")}
         if own:
@@ -126,13 +128,14 @@ def _saturated(rows: Sequence[Any], machines: Sequence[str]) -> dict[str, dict[s
     return found
 
 
-def _how(study: Study) -> list[str]:
+def _how(study: Study, machines: Sequence[str]) -> list[str]:
     steps = "as configured" if study.recipe.steps is None else f"of {study.recipe.steps} steps"
+    further = f", `{' '.join(study.recipe.arguments)}`" if study.recipe.arguments else ""
+    most = f"{1.0 - study.least_loss:.0%}"
     return [
-        f"{study.machines} machines of each of {', '.join(study.robots)} (`testbed/everyday`, from seed {study.seed}), "
-        f"{study.seeds} seeds, trainings {steps}, {study.recipe.episodes} episodes on the machine, "
-        f"`{' '.join(study.recipe.arguments)}`. A machine is counted where a nominal policy of another seed has at "
-        f"most {1.0 - study.least_loss:.0%} of the limit's accuracy, which is the inverse of the rms tracking error."
+        f"{len(machines)} machines ({', '.join(machines)} of `testbed/everyday`), {study.seeds} seeds, trainings "
+        f"{steps}{further}, {study.recipe.episodes} episodes on the machine. A machine is counted where a nominal "
+        f"policy of another seed has at most {most} of the limit's accuracy, the inverse of the rms tracking error."
     ]
 
 
