@@ -256,7 +256,7 @@ class Session:
         self.run.write_text("servo.md", "\n".join(["# How hard the servos are driven", "", *rows, ""]))
         hard = [name for name, most in HARD.items() if use["policy"].get(name, 0.0) > most]
         if hard:
-            figures = ", ".join(f"{use['policy'][name]:.2g} of {UNITS[name]}" for name in hard)
+            figures = ", ".join(f"{UNITS[name]}: {use['policy'][name]:.2g}" for name in hard)
             print(f"The policy is hard on servos ({figures}): raise env.servo={{{hard[0]}: ...}}, see servo.md.")
 
     def _corrects(self) -> bool:

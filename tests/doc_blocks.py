@@ -72,6 +72,7 @@ NOT_RUN = {
     "train env=hexapod": "takes a minute: tests/envs/test_hexapod.py trains it",
     "paper=": "takes up to minutes a robot: tests/test_<robot>_paper.py",
     "sealegs loop\n": "train-and-deploy.md runs it",
+    "sealegs hub": "needs an account: tests/agents/test_hub.py serves a hub",
     "plugins=": "would stay in this process: tests/actuators/test_plugins.py runs it",
     "log=logs/servo": "its run is cut to 2 s here, too short to diagnose: logs/bench is diagnosed",
     "log=logs/xl330": "takes minutes of published data: benchmarks/real_data.py",
@@ -187,7 +188,7 @@ class Reader:
     def do(self, block: Block) -> None:
         """Type one block."""
         own = block.language == "python" and not (REPOSITORY / block.title).is_file()
-        if block.title and (own or block.language in ("yaml", "xml")):
+        if block.title and (own or block.language in ("yaml", "xml", "csv")):
             path = self.folder / block.title
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(block.text)

@@ -579,7 +579,7 @@ def test_an_actuator_net_stays_with_the_run(tmp_path: Path) -> None:
         ("agent.target_kl=abc", "agent.target_kl takes a number or null"),
         ("agent.normalize.clip_ob=1", "did you mean 'clip_obs'?"),
         ("agent.policy_kwargs.activation_fn=tan", "there are tanh, relu, elu"),
-        ("agent.algorithm=td4", "there are ppo, sac"),
+        ("agent.algorithm=td4", "did you mean 'td3'?): there are a2c, "),
         ("agent.gamma=1,2", "is a sweep"),
         ("agent.n_steps=[1", "cannot be read"),
         ("name=a/b", "one word without '/'"),
