@@ -74,7 +74,8 @@ def read_bag(path: Path) -> list[Recording]:
     table.merge()
     name = path.stem if path.is_file() else path.name
     notes = [*table.notes, *stands_in, *notes]
-    return [Recording(name, table.columns, path, "ros", {}, table.roles, tuple(notes), table.units, table.left | left)]
+    of_columns = {"roles": table.roles, "units": table.units, "left": table.left | left}
+    return [Recording(name, table.columns, path, "ros", notes=tuple(notes), **of_columns)]
 
 
 def _of_joints(topic: str, kind: str) -> bool:
