@@ -74,8 +74,9 @@ def read_bag(path: Path) -> list[Recording]:
     table.merge()
     name = path.stem if path.is_file() else path.name
     notes = [*table.notes, *stands_in, *notes]
-    of_columns = {"roles": table.roles, "units": table.units, "left": table.left | left}
-    return [Recording(name, table.columns, path, "ros", notes=tuple(notes), **of_columns)]
+    left = table.left | left
+    return [Recording(name, table.columns, path, "ros", roles=table.roles, notes=tuple(notes), units=table.units,
+                      left=left)]  # fmt: skip
 
 
 def _of_joints(topic: str, kind: str) -> bool:
