@@ -112,7 +112,10 @@ class PlantEngine:
             observation[done] = self._observation(self.motion(self._action))[done]
         never = np.zeros(self.count, bool)
         reward = np.sum(list(terms.values()), axis=0)
-        return Step(observation, reward, never, truncated, terms, {"unstable": never}, {}, done, final)
+        return Step(
+            observation, reward=reward, terminated=never, truncated=truncated, terms=terms, flags={"unstable": never},
+            servo={}, done=done, final_observation=final,
+        )  # fmt: skip
 
     def motion(self, previous: np.ndarray) -> Motion:
         """What the task sees of the machine now."""
