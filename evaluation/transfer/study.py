@@ -110,7 +110,7 @@ def tell(study: Study, out: Path, chosen: Sequence[Hidden], passed_over: Sequenc
         "passed_over": list(passed_over),
     }
     write_text(out / RESULT, json.dumps(document, indent=1) + "\n", replace=True)
-    write_text(out / TABLE, table(errors, passed_over, _how(study, machines), hidden), replace=True)
+    write_text(out / TABLE, table(errors, passed_over, _how(study, errors), hidden), replace=True)
     for robot in study.robots:
         own: Errors = {name: errors[name] for name in machines if name.startswith(f"{robot}-")}
         if own:
@@ -128,12 +128,14 @@ def _saturated(rows: Sequence[Any], machines: Sequence[str]) -> dict[str, dict[s
     return found
 
 
-def _how(study: Study, machines: Sequence[str]) -> list[str]:
+def _how(study: Study, errors: Errors) -> list[str]:
     steps = "as configured" if study.recipe.steps is None else f"of {study.recipe.steps} steps"
     further = f", `{' '.join(study.recipe.arguments)}`" if study.recipe.arguments else ""
     most = f"{1.0 - study.least_loss:.0%}"
+    counts = sorted({len(row) for own in errors.values() for name, row in own.items() if name in TREATMENTS})
+    seeds = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1])))) if counts else "no"
     return [
-        f"{len(machines)} machines ({', '.join(machines)} of `testbed/everyday`), {study.seeds} seeds, trainings "
+        f"{len(errors)} machines ({', '.join(errors)} of `testbed/everyday`), {seeds} seeds, trainings "
         f"{steps}{further}, {study.recipe.episodes} episodes on the machine. A machine is counted where a nominal "
         f"policy of another seed has at most {most} of the limit's accuracy, the inverse of the rms tracking error."
     ]
