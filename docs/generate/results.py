@@ -395,6 +395,7 @@ def transfer() -> dict[str, Any]:
         "found": table(("trained on", "figure", "bar", "reached", "holds"), rows),
         "play": f"{1e3 * max(play['moves'].values()):.1f}",
         "size": f"{1e3 * play['size']:.0f}",
+        "scale": f"{document['hidden']['bench-5903']['joints']['servo']['causes']['sensor.scale']:.2f}",
         "others": f"{min(learnt):.1f} to {max(learnt):.1f}",
     }
 
