@@ -23,12 +23,13 @@ import yaml
 from scipy.stats import bootstrap, trim_mean
 
 from ..common.atomic import write_text
-from ..common.documents import read_json, read_yaml
+from ..common.documents import load_arrays, read_json, read_yaml
 from ..common.errors import SealegsError
 from ..configs.check import Natural, checked
 from .run_folder import RunFolder
 
 _LIST = "seeds.yaml"
+EVALUATIONS = 2**26  # [B] of a run's evaluations that are read at most
 _OWN = (".*", "config.yaml", "run*.json", "evaluations.npz", "checkpoints", "best", "final", "tensorboard", "video.mp4")
 """Of a run, what no other seed takes over."""
 RESAMPLES = 5000
@@ -50,8 +51,11 @@ def read_curve(folders: Sequence[Path]) -> Curve:
     """
     read = []
     for folder in folders:
-        with np.load(folder / "evaluations.npz") as file:
-            read.append((file["timesteps"], file["results"].mean(axis=1)))
+        file = load_arrays(folder / "evaluations.npz", EVALUATIONS)
+        steps, results = file.get("timesteps"), file.get("results")
+        if steps is None or results is None:
+            raise SealegsError(f"{folder / 'evaluations.npz'} has no timesteps and results: train the seed again.")
+        read.append((steps, results.mean(axis=1)))
     low, high = max(steps[0] for steps, _ in read), min(steps[-1] for steps, _ in read)
     steps = np.unique(np.concatenate([steps for steps, _ in read]))
     steps = steps[(low <= steps) & (steps <= high)]
@@ -88,7 +92,7 @@ def _lay(folder: Path) -> None:
     """Lay the runs that are missing: with config and chains of the first, in which that one may have learned."""
     seeds = checked(str(folder / _LIST), read_yaml(folder / _LIST), list[Natural])
     first = runs_of(folder)[0]
-    config = yaml.safe_load((first / "config.yaml").read_text())
+    config = read_yaml(first / "config.yaml")
     for run, seed in ((folder / f"seed{seed}", seed) for seed in seeds):
         if not (run / "config.yaml").is_file():
             shutil.copytree(first, run, ignore=shutil.ignore_patterns(*_OWN), dirs_exist_ok=True)

@@ -144,7 +144,8 @@ def _hinges(stage: Stage) -> Found:
         return Found(zeros=compared.silent)
     before = _missed(machine)
     trial = _as_replayed(machine, compared)
-    if not _nearer(*(_beside_numbers(each) for each in (machine, machine.in_frames(trial.proposed.frames)))):
+    beside, turned = (_beside_numbers(each) for each in (machine, machine.in_frames(trial.proposed.frames)))
+    if trial.proposed.frames.keys() <= beside[0].keys() and not _nearer(beside, turned):
         return Found(zeros=compared.silent)
     if not (_tells(robot, machine, trial.proposed.frames, stage.given) and _better(before, trial.missed)):
         doubt = _doubted(compared, trial.proposed)
