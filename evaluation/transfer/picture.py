@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from ..plot_style import STYLE, plt
 from .cells import REFERENCES, TREATMENTS
 from .figures import Errors
+
+MARGIN = 1.3  # of the axis beyond the smallest and the largest error
 
 
 def draw(robot: str, errors: Errors, file: Path) -> None:
@@ -33,6 +36,11 @@ def draw(robot: str, errors: Errors, file: Path) -> None:
                           label=treatment if at == 0 else None)  # fmt: skip
         axis.set_xticks(range(len(errors)), list(errors))
         axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.yaxis.set_minor_formatter(NullFormatter())
+        rms = 1e3 * np.concatenate([values for own in errors.values() for values in own.values()])
+        axis.set_ylim(rms.min() / MARGIN, rms.max() * MARGIN)
         axis.set_ylabel("tracking error on the machine,\nrms [mrad]")
         axis.set_title(f"{robot}: what a policy was trained on")
         axis.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
