@@ -178,7 +178,7 @@ def _read_learner(path: Path, agent: Mapping[str, Any], env: VecEnv) -> BaseAlgo
             raise SealegsError(f"{path / _LEARNER}: its count '{name}' is {str(value)[:60]!r}.")
         setattr(model, name, value)
     episodes = [{str(key): float(value) for key, value in dict(episode).items()} for episode in about["episodes"]]
-    if any(not {"r", "l", "t"} <= episode.keys() == episodes[0].keys() for episode in episodes):
+    if any(not {"r", "l"} <= episode.keys() == episodes[0].keys() for episode in episodes):  # ARS has no times
         raise SealegsError(f"{path / _LEARNER}: its episodes are not described alike.")
     model.ep_info_buffer = deque(episodes, maxlen=model._stats_window_size)
     model.ep_success_buffer = deque(maxlen=model._stats_window_size)

@@ -97,7 +97,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
             rows={},
             widespread=lambda: True,
             more=lambda joint, values: None,
-            by_effect=lambda measured, number: measured,
+            by_effect=lambda measured, *numbers: measured,
         )
 
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
