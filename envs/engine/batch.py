@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -79,7 +80,6 @@ class BatchEngine:
         dt: control step [s].
         steps: control steps since reset, (n,).
         world: contacts, bodies, sites and sensors that the task sees.
-        seen: model of the simulation that was looked at last, with what its episode drew.
         drawn: values of the running episodes' randomisation by name, (n,) each.
     """
 
@@ -147,7 +147,6 @@ class BatchEngine:
         self.dt = self.substeps * model.opt.timestep
         self.max_episode_steps, self.autoreset = max_episode_steps, autoreset
         self.batch = Batch(model, num_envs, 1 if num_envs == 1 else threads)
-        self.seen = copy(model)
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         self._ctrl, self._time = self.batch.bind("ctrl"), self.batch.bind("time")
         self._userdata = self.batch.bind("userdata")
@@ -198,6 +197,11 @@ class BatchEngine:
         self.seed(None)
 
     # --- looking -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def seen(self) -> mujoco.MjModel:
+        """Model of the simulation that was looked at last, with what its episode drew; made when one is."""
+        return copy(self.drivetrain.model)
 
     def look(self, simulation: int, data: mujoco.MjData) -> mujoco.MjData:
         """Copy the state of one simulation into ``data``, with all that follows from it: poses, speeds, contacts,
