@@ -39,8 +39,8 @@ test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the t
 	@$(MAKE) --no-print-directory types
 	$(PYTEST) --durations=80 -m "long and not weekly"
 
-test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out
-	$(PYTEST) -m weekly
+test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out; SHARE=0/4: a quarter of them
+	$(PYTEST) -m weekly $(if $(SHARE),--share $(SHARE))
 
 lint: $(INSTALLED) $(LINKS) ## ruff, layers of imports, pyright
 	$(RUFF)

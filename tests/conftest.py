@@ -6,6 +6,7 @@ import functools
 import os
 import shutil
 import tempfile
+import zlib
 from pathlib import Path
 
 import sealegs  # isort: skip  # noqa: F401 chooses how MuJoCo draws, before that is imported
@@ -17,6 +18,14 @@ from tests.made_once import SHARED
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 WORKER = "PYTEST_XDIST_WORKER" in os.environ
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--share",
+        metavar="K/N",
+        help="run the K-th (from 0) of N shares; a test is always of the same one",
+    )
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -35,12 +44,21 @@ def pytest_unconfigure() -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def in_share(name: str, share: str) -> bool:
+    which, of = (int(number) for number in share.split("/"))
+    return zlib.crc32(name.encode()) % of == which
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A weekly test is a long one."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """A weekly test is a long one; of all tests, the share that was asked for."""
     for item in items:
         if item.get_closest_marker("weekly"):
             item.add_marker(pytest.mark.long)
+    if share := config.getoption("share"):
+        others = [item for item in items if not in_share(item.nodeid, share)]
+        config.hook.pytest_deselected(items=others)
+        items[:] = [item for item in items if item not in set(others)]
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from tests.conftest import in_share
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 NO_SCRIPTS = ("setup.py", "__init__.py", "__main__.py")
 SCRIPTS = sorted(path.name for path in REPOSITORY.glob("*.py") if path.name not in NO_SCRIPTS)
@@ -110,14 +112,21 @@ def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
 
 
-def test_continuous_integration_runs_every_test_once_a_week_and_all_but_the_longest_every_day() -> None:
+def test_continuous_integration_runs_all_tests_but_the_longest_every_day_and_a_quarter_of_those_each_sunday() -> None:
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
     lines = [line.strip() for line in script.read_text().splitlines()]
-    assert lines[-5:] == ["make test", "make test-all", 'if [ "$(date +%u)" = 7 ]; then', "make test-weekly", "fi"]
+    weekly = 'make test-weekly SHARE="$((10#$(date +%V) % 4))/4"'
+    assert lines[-5:] == ["make test", "make test-all", 'if [ "$(date +%u)" = 7 ]; then', weekly, "fi"]
     makefile = (REPOSITORY / "Makefile").read_text()
     assert all(f'-m "{chosen}"' in makefile for chosen in ("not long", "long and not weekly"))
-    assert "-m weekly" in makefile
+    assert "-m weekly $(if $(SHARE),--share $(SHARE))" in makefile
+
+
+def test_each_test_is_of_one_share(request: pytest.FixtureRequest) -> None:
+    names = [item.nodeid for item in request.session.items]
+    shares = [[name for name in names if in_share(name, f"{k}/4")] for k in range(4)]
+    assert sorted(name for share in shares for name in share) == sorted(names)
 
 
 @pytest.mark.long
