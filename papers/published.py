@@ -1,12 +1,13 @@
 """What a paper prints beside ours, row by row, with a mark that says what each row is worth as evidence.
 
-A mark is no opinion: :meth:`Paper.check` holds it against the paper's one list of chosen numbers.
+A mark is no opinion: :meth:`Paper.check` holds it against the paper's one list of chosen numbers, and
+:meth:`Paper.check_rests` what a row says that it rests on against the rows that move with each of these numbers.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
@@ -216,6 +217,31 @@ class Paper:
                   if count > 1]  # fmt: skip
         for row in rows:
             wrong += [f"row '{row.name}' {reason}" for reason in self._contradictions(row)]
+        if wrong:
+            raise SealegsError(f"{self.name}: {'; '.join(wrong)}.")
+
+    def check_rests(self, rows: Sequence[Row], otherwise: Iterable[tuple[str, Sequence[Row]]]) -> None:
+        """Hold what rows say that they rest on against what moves them.
+
+        A row may name more than moves it: its figure may be a text, or rounded. It must not name less.
+
+        Args:
+            rows: of the paper, computed with the chosen numbers.
+            otherwise: name of a chosen number, and the rows computed with another value of it alone.
+
+        Raises:
+            SealegsError: a row moves with a number that it does not name, or none moves of those that name it.
+        """
+        wrong = []
+        for key, changed in otherwise:
+            figures = {row.name: (row.ours, row.holds) for row in changed}
+            still = [row for row in rows if not row.timed]
+            moved = [row for row in still if figures.get(row.name) != (row.ours, row.holds)]
+            naming = [row for row in still if key in (row.rests or ())]
+            wrong += [f"row '{row.name}' moves with '{key}', which it does not name" for row in moved
+                      if row not in naming]  # fmt: skip
+            if naming and not moved:
+                wrong.append(f"'{key}' moves none of the {len(naming)} rows that name it")
         if wrong:
             raise SealegsError(f"{self.name}: {'; '.join(wrong)}.")
 

@@ -103,6 +103,13 @@ def tables(result: Mapping[str, Any]) -> dict[str, str]:
                 for key, item in result["chosen"].items()
             ),
         ),
+        "number_table": table(
+            ("number", "value", "source"),
+            (
+                (f"`{name}`", f"{item['value']:g} {item['unit']}".removesuffix(" -"), item["source"])
+                for name, item in result.get("numbers", {}).items()
+            ),
+        ),
         "left_out": table(
             ("where", "the paper", "why it is not built"),
             ((item["where"], item["statement"], item["why"]) for item in result["not_built"]),

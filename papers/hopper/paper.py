@@ -75,8 +75,7 @@ class Figures:
 
     Attributes:
         frequency: hops per second [Hz].
-        height: of the hip from its lowest to its highest point, mean over the hops [m]. The paper does not say from
-            where it measures: `height_of_a_jump` in the list of chosen numbers.
+        way: of the hip from its lowest to its highest point, mean over the hops [m].
         rise: of the hip over standing [m].
         clearance: of the foot over the floor [m].
         speed: forward [m/s].
@@ -85,12 +84,17 @@ class Figures:
     """
 
     frequency: float
-    height: float
+    way: float
     rise: float
     clearance: float
     speed: float
     regularity: float
     torque: float
+
+    @property
+    def height(self) -> float:
+        """Of a jump [m]; the paper does not say from where: `height_of_a_jump` in the list of chosen numbers."""
+        return self.way
 
 
 class Legs:
@@ -205,9 +209,9 @@ class Legs:
         return count * CONTROL_STEP / (time.perf_counter() - started)
 
 
-def flexions(hops: Hops, after: float = SETTLING) -> np.ndarray:
+def flexions(hops: Hops) -> np.ndarray:
     """Samples at which the leg is flexed most: the lowest height between one flight and the next."""
-    chosen = np.flatnonzero(hops.time > after)
+    chosen = np.flatnonzero(hops.time > SETTLING)
     height = hops.height[chosen]
     level = 0.5 * (height.min() + height.max())
     rising = np.flatnonzero((height[:-1] < level) & (height[1:] >= level)) + 1
@@ -215,14 +219,14 @@ def flexions(hops: Hops, after: float = SETTLING) -> np.ndarray:
     return chosen[np.array(starts, dtype=int)] if len(starts) else np.array([], dtype=int)
 
 
-def measure(hops: Hops, after: float = SETTLING) -> Figures:
+def measure(hops: Hops) -> Figures:
     """Frequency and heights of a recording.
 
     Raises:
         SealegsError: the leg does not hop.
     """
-    starts = flexions(hops, after)
-    if len(starts) < 3 or np.ptp(hops.height[hops.time > after]) < 5e-3:
+    starts = flexions(hops)
+    if len(starts) < 3 or np.ptp(hops.height[hops.time > SETTLING]) < 5e-3:
         raise SealegsError("the leg does not hop: there are no periods to measure.")
     periods = np.diff(hops.time[starts])
     cycles = list(pairwise(starts))
@@ -230,7 +234,7 @@ def measure(hops: Hops, after: float = SETTLING) -> Figures:
     bottom = hops.height[starts].mean()
     return Figures(
         frequency=float(1.0 / periods.mean()),
-        height=float(top - bottom),
+        way=float(top - bottom),
         rise=float(top - hops.height[0]),
         clearance=float(np.mean([hops.clearance[a:b].max() for a, b in cycles])),
         speed=float(

@@ -13,10 +13,7 @@ from ...common.errors import SealegsError
 from ...envs.hopper.parameters import NUMBERS
 from . import rows as printed_rows
 from .choices import PAPER
-from .paper import CHAINS, PRINTED, Figures, Hops, Legs, measure
-
-TIMED = 2.0  # [s] simulated for each real-time factor
-LEGS = (1, 4)
+from .paper import CHAINS, PRINTED, Legs, measure
 
 
 def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print) -> dict[str, Any]:
@@ -36,21 +33,13 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
     if (out / "hopper.json").exists():
         raise SealegsError(f"{out} holds a comparison already; give another folder as out=.")
     out.mkdir(parents=True, exist_ok=True)
-    cases: dict[str, Hops] = {}
-    figures: dict[str, Figures] = {}
-    speed: dict[str, dict[str, float]] = {}
-    for name, chain in CHAINS.items():
-        say(f"simulating {seconds:g} s {name} ({chain})")
-        cases[name] = Legs(chain).hop(seconds)
-        figures[name] = measure(cases[name])
-        speed[name] = {str(count): Legs(chain, count).real_time_factor(TIMED) for count in LEGS}
-    say("hopping with link lengths that know nothing of the servo")
-    rows = printed_rows.rows(cases, figures, speed, seconds)
+    found = printed_rows.run(seconds, say)
+    rows = printed_rows.rows(found)
     result = {
         **PAPER.document(rows),
         "printed": {name: asdict(printed) for name, printed in PRINTED.items()},
-        "simulated": {name: asdict(value) for name, value in figures.items()},
-        "real_time_factor": speed,
+        "simulated": {name: asdict(measure(hops)) for name, hops in found.cases.items()},
+        "real_time_factor": found.speed,
         "chains": {name: Legs(chain).chain.to_list() for name, chain in CHAINS.items()},
         "controller": asdict(Legs("ideal").controller),
         "numbers": {name: asdict(number) for name, number in NUMBERS.items()},
@@ -59,8 +48,8 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
     write_text(out / "hopper.json", json.dumps(result, indent=1) + "\n", replace=True)
     from .paper_plots import plot_periods, plot_time  # matplotlib is slow to load
 
-    plot_time(cases, out / "time.png")
-    plot_periods(cases, out / "periods.png")
+    plot_time(found.cases, out / "time.png")
+    plot_periods(found.cases, out / "periods.png")
     for line in PAPER.lines(rows):
         say(line)
     say(f"Written: {out}/hopper.json, {out}/time.png, {out}/periods.png")

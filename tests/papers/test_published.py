@@ -108,6 +108,30 @@ def test_a_number_chosen_for_a_row_that_there_is_not_is_refused() -> None:
         PAPER.check(ROWS[:2])
 
 
+def test_a_row_that_moves_with_a_number_it_does_not_name_is_refused() -> None:
+    moved = [replace(row, ours=81.0, agrees=None) if row.name == "hops" else row for row in ROWS]
+    PAPER.check_rests(ROWS, [("floor", moved), ("lean", moved)])
+    lie = [replace(row, rests=("floor",)) if row.name == "hops" else row for row in ROWS]
+    with pytest.raises(SealegsError, match="row 'hops' moves with 'lean', which it does not name"):
+        PAPER.check_rests(lie, [("floor", moved), ("lean", moved)])
+    arithmetic = [replace(ROWS[0], ours=99.0), *ROWS[1:]]
+    with pytest.raises(SealegsError, match="row 'stiffness' moves with 'floor'"):
+        PAPER.check_rests(ROWS, [("floor", arithmetic)])
+
+
+def test_a_row_that_comes_to_agree_or_is_gone_has_moved_and_one_that_measures_the_computer_has_not() -> None:
+    for changed in (ROWS[:2] + ROWS[3:], [replace(row, agrees=None) for row in ROWS]):
+        with pytest.raises(SealegsError, match="'legs irreversible' moves with 'floor'"):
+            PAPER.check_rests(ROWS, [("floor", changed)])
+    timed = [replace(row, timed=True, rests=()) for row in ROWS]
+    PAPER.check_rests(timed, [("floor", [replace(row, ours=1.0) for row in timed])])
+
+
+def test_a_number_that_moves_nothing_is_told() -> None:
+    with pytest.raises(SealegsError, match="'floor' moves none of the 2 rows that name it"):
+        PAPER.check_rests(ROWS, [("floor", ROWS)])
+
+
 def test_two_rows_of_one_name_are_refused() -> None:
     with pytest.raises(SealegsError, match="'hops' is the name of 2 rows"):
         PAPER.check([*ROWS, replace(ROWS[1], where="IX")])
