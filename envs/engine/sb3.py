@@ -1,11 +1,11 @@
-"""The batch engine as a Stable-Baselines3 ``VecEnv``."""
+"""What steps a batch, such as the batch engine, as a Stable-Baselines3 ``VecEnv``."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -14,20 +14,40 @@ from gymnasium.envs.registration import load_env_creator
 from ...common.errors import SealegsError
 from ...common.extras import needed_for
 from .. import registered_id
+from .batch import BatchEngine, Step
+from .single import action_space, observation_space
+from .task import Task
 from .vector import BatchVectorEnv
 
 with needed_for("A vector environment for Stable-Baselines3"):
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
 
-__all__ = ["BatchVecEnv"]
+__all__ = ["BatchVecEnv", "EngineVecEnv"]
 
 
-class BatchVecEnv(VecEnv):
-    """n simulations of a registered environment on all cores.
+class SteppedBatch(Protocol):
+    """What resets and steps n copies of a robot side by side: simulations, or machines."""
+
+    @property
+    def task(self) -> Task: ...
+
+    @property
+    def num_envs(self) -> int: ...
+    @property
+    def action_names(self) -> Sequence[str]: ...
+    @property
+    def observation_size(self) -> int: ...
+    def seed(self, seed: int | Sequence[int | None] | None) -> None: ...
+    def reset(self) -> np.ndarray: ...
+    def step(self, action: np.ndarray) -> Step: ...
+    def set_number(self, name: str, value: Any) -> None: ...
+
+
+class EngineVecEnv(VecEnv):
+    """Whatever steps a batch, as Stable-Baselines3 learns on it.
 
     Attributes:
-        engine: the simulations.
-        keywords: arguments of the environment that were given.
+        engine: the batch.
 
     ``infos[i]`` is empty but in the step that ends an episode, where it holds ``terminal_observation``,
     ``TimeLimit.truncated``, the last step's flags, and ``episode``: ``r``, ``l``, ``t`` as ``Monitor`` writes them, the
@@ -35,31 +55,20 @@ class BatchVecEnv(VecEnv):
     ``VecMonitor`` is needed.
     """
 
-    def __init__(self, env_id: str, num_envs: int, seed: int | None = None, **env_kwargs: Any) -> None:
-        """Build the batch.
+    def __init__(self, engine: SteppedBatch, owner: object | None = None) -> None:
+        """Wrap a batch.
 
         Args:
-            env_id: registered name, such as ``SeaLegs/Hopper-v0``, or ``path/to/task.py:MyTask``.
-            num_envs: simulations side by side.
-            seed: simulation i is seeded with ``seed + i``.
-            env_kwargs: arguments of the environment; and ``max_episode_steps``, ``render_mode``, ``width``, ``height``.
-
-        Raises:
-            SealegsError: unknown environment or argument, or one that does not fit the robot.
+            engine: the batch.
+            owner: whose attributes and methods SB3 asks for; None: of the engine.
         """
-        env_id = registered_id(env_id)
-        self._vector, self.keywords = _build(env_id, num_envs, env_kwargs), dict(env_kwargs)
-        self.engine = self._vector.engine
-        self.render_mode = self._vector.render_mode
-        super().__init__(num_envs, self._vector.single_observation_space, self._vector.single_action_space)
-        self.metadata = self._vector.metadata
-        self.spec = gym.spec(env_id)
-        self._actions = np.zeros((num_envs, *self.action_space.shape))  # type: ignore[misc]
+        self.engine, self._owner = engine, engine if owner is None else owner
+        self.render_mode: str | None = getattr(owner, "render_mode", None)
+        super().__init__(engine.num_envs, observation_space(engine), action_space(engine))
+        self._actions = np.zeros((self.num_envs, *self.action_space.shape))  # type: ignore[misc]
         self._started = time.time()
-        self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, dtype=np.int64)
+        self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.int64)
         self._sums: dict[str, np.ndarray] = {}
-        if seed is not None:
-            self.seed(seed)
 
     def reset(self) -> np.ndarray:  # type: ignore[override]
         """Start episodes everywhere."""
@@ -77,7 +86,7 @@ class BatchVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One control step of all simulations."""
+        """One control step of the whole batch."""
         result = self.engine.step(self._actions)
         self._returns += result.reward
         self._lengths += 1
@@ -113,19 +122,13 @@ class BatchVecEnv(VecEnv):
         return {name: value / length if name.startswith("servo_") else value for name, value in sums.items()}
 
     def close(self) -> None:
-        """Close the renderer."""
-        self._vector.close()
+        """Nothing is open."""
 
-    def get_images(self) -> Sequence[np.ndarray | None]:
-        """Pictures of all simulations."""
-        pictures = self._vector.render()
-        return list(pictures) if pictures is not None else [None] * self.num_envs
-
-    # What SB3 asks of single environments is asked of the batch: all its simulations share it.
+    # What SB3 asks of single environments is asked of the batch, which all of them share.
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of the batch or a number of its task, once for each simulation."""
-        owner: object = self if attr_name in ("render_mode", "spec", "metadata") else self._vector
+        owner: object = self if attr_name in ("render_mode", "spec", "metadata") else self._owner
         if attr_name in self._numbers:
             owner = self.engine.task
         return [getattr(owner, attr_name)] * len(list(self._get_indices(indices)))
@@ -141,7 +144,7 @@ class BatchVecEnv(VecEnv):
         if attr_name in self._numbers:
             self.engine.set_number(attr_name, value)
         else:
-            setattr(self._vector, attr_name, value)
+            setattr(self._owner, attr_name, value)
 
     @property
     def _numbers(self) -> list[str]:
@@ -157,7 +160,7 @@ class BatchVecEnv(VecEnv):
             SealegsError: ``indices`` are not all simulations, on which it acts.
         """
         self._check_all(indices, "a method")
-        answer = getattr(self._vector, method_name)(*method_args, **method_kwargs)
+        answer = getattr(self._owner, method_name)(*method_args, **method_kwargs)
         return [answer] * len(list(self._get_indices(indices)))
 
     def _check_all(self, indices: VecEnvIndices, what: str) -> None:
@@ -173,6 +176,46 @@ class BatchVecEnv(VecEnv):
         from stable_baselines3.common.monitor import Monitor
 
         return [wrapper_class is Monitor] * len(list(self._get_indices(indices)))
+
+
+class BatchVecEnv(EngineVecEnv):
+    """n simulations of a registered environment on all cores.
+
+    Attributes:
+        engine: the simulations.
+        keywords: arguments of the environment that were given.
+    """
+
+    engine: BatchEngine
+
+    def __init__(self, env_id: str, num_envs: int, seed: int | None = None, **env_kwargs: Any) -> None:
+        """Build the batch.
+
+        Args:
+            env_id: registered name, such as ``SeaLegs/Hopper-v0``, or ``path/to/task.py:MyTask``.
+            num_envs: simulations side by side.
+            seed: simulation i is seeded with ``seed + i``.
+            env_kwargs: arguments of the environment; and ``max_episode_steps``, ``render_mode``, ``width``, ``height``.
+
+        Raises:
+            SealegsError: unknown environment or argument, or one that does not fit the robot.
+        """
+        env_id = registered_id(env_id)
+        self._vector, self.keywords = _build(env_id, num_envs, env_kwargs), dict(env_kwargs)
+        super().__init__(self._vector.engine, self._vector)
+        self.metadata = self._vector.metadata
+        self.spec = gym.spec(env_id)
+        if seed is not None:
+            self.seed(seed)
+
+    def close(self) -> None:
+        """Close the renderer."""
+        self._vector.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Pictures of all simulations."""
+        pictures = self._vector.render()
+        return list(pictures) if pictures is not None else [None] * self.num_envs
 
 
 def _build(env_id: str, num_envs: int, env_kwargs: dict[str, Any]) -> BatchVectorEnv:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import gymnasium as gym
 import mujoco
@@ -14,12 +15,21 @@ from .batch import BatchEngine
 from .render import Scene, check_render_mode
 
 
-def action_space(engine: BatchEngine) -> spaces.Box:
+class Sized(Protocol):
+    """What has actions and observations."""
+
+    @property
+    def action_names(self) -> Sequence[str]: ...
+    @property
+    def observation_size(self) -> int: ...
+
+
+def action_space(engine: Sized) -> spaces.Box:
     """Goals, or what else the task's actions mean, scaled to [-1, 1]."""
     return spaces.Box(-1.0, 1.0, (len(engine.action_names),), np.float32)
 
 
-def observation_space(engine: BatchEngine) -> spaces.Box:
+def observation_space(engine: Sized) -> spaces.Box:
     """Unbounded float32."""
     return spaces.Box(-np.inf, np.inf, (engine.observation_size,), np.float32)
 

@@ -181,7 +181,8 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
     from ...envs.any_robot.lead import ROWS, measured_lead
     from ...envs.any_robot.track import TrackTask
     from ...envs.contract import task_of
-    from .plant import PlantEngine, PlantVecEnv
+    from ...envs.engine.sb3 import EngineVecEnv
+    from .plant import PlantEngine
 
     folder = out / cell.hidden.name
     robot = publish(cell.hidden, folder)
@@ -207,7 +208,7 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
         lead = measured_lead(on_machine(straight, ROWS, 0), straight.target, task.half)  # type: ignore[arg-type]
         task = replace(task, lead=lead)
         seed = stream_seed(cell.seed, 0)
-        machine = PlantVecEnv(on_machine(task, config.n_envs, seed % 2**31))
+        machine = EngineVecEnv(on_machine(task, config.n_envs, seed % 2**31))
         model = build(config.agent, wrapped(machine, config.agent, training=True), seed)
     else:
         model, env = new_learner(config, config.actuator)
@@ -225,15 +226,15 @@ def _plain(env: dict[str, Any]) -> dict[str, Any]:
 
 def on_plant(act: Any, engine: Any) -> tuple[np.ndarray, np.ndarray, float]:
     """Reward and rms error [rad] of an episode of each copy (m,), and the share of time in which a drive saturates."""
-    seen, total = engine.reset(), np.zeros(engine.count)
-    squares, saturated = np.zeros(engine.count), 0.0
+    seen, total = engine.reset(), np.zeros(engine.num_envs)
+    squares, saturated = np.zeros(engine.num_envs), 0.0
     for step in range(engine.episode):
         if step == engine.episode - 1:  # the last step begins a new episode: its motion is not looked at
             total += engine.step(act(seen)).reward
             break
         result = engine.step(act(seen))
         seen, total = result.observation, total + result.reward
-        motion = engine.motion(np.zeros((engine.count, len(engine.action_names))))
+        motion = engine.motion(np.zeros((engine.num_envs, len(engine.action_names))))
         error = motion.link - engine.task.target(motion.time, motion.command)
         squares += (error**2).mean(axis=1)
         saturated += float((np.abs(motion.duty) > 0.95).mean())

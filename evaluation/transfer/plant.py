@@ -6,13 +6,14 @@ learn on it, which is the limit of what any model of it can give.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
-import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvStepReturn
 
 from ...envs.any_robot.task import AnyRobotTask
+from ...envs.engine.arguments import check_values
 from ...envs.engine.batch import Step
 from ...envs.engine.task import Motion
 
@@ -38,7 +39,8 @@ class PlantEngine:
 
     Attributes:
         task: what is asked of the machine; it has a reference.
-        count: of the copies.
+        num_envs: copies.
+        observation_size: numbers that a policy sees.
         dt: control step [s].
         steps: control steps since each copy started (m,).
     """
@@ -53,10 +55,10 @@ class PlantEngine:
             dt: control step [s].
             episode: control steps of an episode.
         """
-        self.task, self.count, self.dt, self.episode = task, count, dt, episode
+        self.task, self.num_envs, self.dt, self.episode = task, count, dt, episode
         self._plant, self._numbers = plant, task.robot.parameters()
         joints = len(task.names)
-        self.action_names = task.action_names()
+        self.action_names, self.observation_size = task.action_names(), len(task.observation_names())
         limits = np.array([task.robot.limits[name] for name in task.names])
         self._low, self._high = limits[:, 0], limits[:, 1]
         self._command = np.zeros((count, task.commands(np.zeros((1, task.draws))).shape[1]))
@@ -66,13 +68,22 @@ class PlantEngine:
         self.steps = np.zeros(count, dtype=np.int64)
         self._random = np.random.default_rng(0)
 
-    def seed(self, seed: int) -> None:
-        """Of commands and starts."""
-        self._random = np.random.default_rng(seed)
+    def seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Of commands and starts; of several numbers, one for each copy, the first counts."""
+        self._random = np.random.default_rng(seed[0] if isinstance(seed, Sequence) else seed)
+
+    def set_number(self, name: str, value: Any) -> None:
+        """Give a number of the task another value from the next step on.
+
+        Raises:
+            SealegsError: the value is none for it.
+        """
+        check_values(type(self.task), {name: value})
+        self.task = replace(self.task, **{name: value})
 
     def reset(self) -> np.ndarray:
         """Start all copies; their observations (m, size)."""
-        self._start(np.arange(self.count))
+        self._start(np.arange(self.num_envs))
         return self._observation(self.motion(self._action))
 
     def _start(self, chosen: np.ndarray) -> None:
@@ -110,7 +121,7 @@ class PlantEngine:
         if len(done):
             self._start(done)
             observation[done] = self._observation(self.motion(self._action))[done]
-        never = np.zeros(self.count, bool)
+        never = np.zeros(self.num_envs, bool)
         reward = np.sum(list(terms.values()), axis=0)
         return Step(
             observation, reward=reward, terminated=never, truncated=truncated, terms=terms, flags={"unstable": never},
@@ -119,7 +130,7 @@ class PlantEngine:
 
     def motion(self, previous: np.ndarray) -> Motion:
         """What the task sees of the machine now."""
-        link, none = self._plant.links, np.zeros((self.count, 0))
+        link, none = self._plant.links, np.zeros((self.num_envs, 0))
         return Motion(
             qpos=none, qvel=none, link=link, link_speed=(link - self._link_before) / self.dt, reading=self._reading,
             reading_speed=(self._reading - self._before) / self.dt, torque=self._plant.torques,
@@ -129,65 +140,3 @@ class PlantEngine:
 
     def _observation(self, motion: Motion) -> np.ndarray:
         return np.concatenate(self.task.observe(motion), axis=1).astype(np.float32)
-
-
-class PlantVecEnv(VecEnv):
-    """A :class:`PlantEngine` as Stable-Baselines3 learns on it."""
-
-    def __init__(self, engine: PlantEngine) -> None:
-        self.engine = engine
-        size, actions = len(engine.task.observation_names()), len(engine.action_names)
-        self.render_mode = None
-        super().__init__(
-            engine.count,
-            gym.spaces.Box(-np.inf, np.inf, (size,), np.float32),
-            gym.spaces.Box(-1.0, 1.0, (actions,), np.float32),
-        )
-        self._actions = np.zeros((engine.count, actions))
-        self._returns = np.zeros(engine.count)
-
-    def reset(self) -> np.ndarray:  # type: ignore[override]
-        """Start episodes everywhere."""
-        self._returns[:] = 0.0
-        return self.engine.reset()
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Remember the actions; :meth:`step_wait` does the work."""
-        self._actions = actions
-
-    def step_wait(self) -> VecEnvStepReturn:
-        """One control step of all copies."""
-        result = self.engine.step(self._actions)
-        self._returns += result.reward
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        for row, number in enumerate(result.done):
-            infos[number] = {
-                "terminal_observation": result.final_observation[row],
-                "TimeLimit.truncated": True,
-                "episode": {"r": float(self._returns[number]), "l": self.engine.episode, "t": 0.0},
-            }
-            self._returns[number] = 0.0
-        return result.observation, result.reward.astype(np.float32), result.truncated, infos
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute, once for each copy."""
-        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of all copies."""
-        del indices
-        setattr(self, attr_name, value)
-
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method once."""
-        answer = getattr(self.engine, method_name)(*method_args, **method_kwargs)
-        return [answer] * len(list(self._get_indices(indices)))
-
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Whether episodes are monitored: their infos are there."""
-        from stable_baselines3.common.monitor import Monitor
-
-        return [wrapper_class is Monitor] * len(list(self._get_indices(indices)))

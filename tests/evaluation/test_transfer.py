@@ -10,10 +10,11 @@ import pytest
 from sealegs.commands.transfer import main
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.track import TrackTask
+from sealegs.envs.engine.sb3 import EngineVecEnv
 from sealegs.evaluation.transfer.cells import EXTENDED, HAND, LIMIT, NOMINAL, on_plant
 from sealegs.evaluation.transfer.figures import figures_of, interquartile_mean, interval
 from sealegs.evaluation.transfer.machines import Hidden, case_of, publish, running
-from sealegs.evaluation.transfer.plant import PlantEngine, PlantVecEnv
+from sealegs.evaluation.transfer.plant import PlantEngine
 
 from testbed.everyday.machines import links_of
 from testbed.everyday.physics import simulate
@@ -88,12 +89,25 @@ def test_a_task_on_a_machine_sees_what_its_encoders_say(tmp_path: Path) -> None:
 
 
 def test_episodes_on_a_machine_end_and_begin_as_stable_baselines_expects(tmp_path: Path) -> None:
-    env = PlantVecEnv(machine(tmp_path))
+    env = EngineVecEnv(machine(tmp_path))
     env.reset()
     for step in range(25):
         _, _, done, infos = env.step(np.zeros((2, 2)))
         assert done.all() == (step == 24)
     assert {"terminal_observation", "episode", "TimeLimit.truncated"} <= infos[0].keys()
+    episode = infos[0]["episode"]
+    terms = sum(value for name, value in episode.items() if name.startswith("reward_"))
+    assert episode["r"] == pytest.approx(terms, abs=1e-5)
+
+
+def test_a_number_of_the_task_is_set_on_a_machine_as_on_simulations(tmp_path: Path) -> None:
+    env = EngineVecEnv(machine(tmp_path))
+    env.set_attr("tracking_weight", 0.0)
+    env.reset()
+    assert env.get_attr("tracking_weight") == [0.0, 0.0]
+    assert (env.step(np.zeros((2, 2)))[1] <= 0.0).all()  # the other terms are costs
+    with pytest.raises(SealegsError, match="tracking_weight takes a number"):
+        env.set_attr("tracking_weight", "much")
 
 
 @pytest.mark.parametrize(
