@@ -62,27 +62,6 @@ class TrackEnv(SingleEnv, task=TrackTask):
 
     ## Arguments
 
-    | Parameter         | Type              | Default      | Description |
-    |-------------------|-------------------|--------------|---------------------------------------------------------------|
-    | `robot`           | str or path       | `'bench'`    | a name, or the robot's `.yaml`, `.xml` or `.urdf` |
-    | `actuator`        | str, list or dict | `None`       | chain: a name in `configs/actuator`, a path or stages; `None`: the robot's own |
-    | `randomization`   | dict or path      | `None`       | what every episode draws anew, see `envs/engine/randomization.py` |
-    | `params`          | dict              | `None`       | numbers of the robot other than its own, such as `forearm_mass` |
-    | `control_rate`    | float             | `50.0`       | actions per second [Hz] |
-    | `action_delay`    | float             | `0.0`        | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None` | `None`       | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `amplitude`       | float             | `0.8`        | see Starting State |
-    | `frequency`       | float or pair     | `(0.2, 0.8)` | of the sines, or from which to which [Hz] |
-    | `preview`         | float             | `0.06`       | how far ahead the later target is [s] |
-    | `correction`      | float             | `0.2`        | see Action Space |
-    | `lead`            | float             | `None`       | see Action Space [s]; `None`: measured |
-    | `tolerance`       | float             | `0.05`       | see Rewards: scale of an error, as a share of half the range |
-    | `tracking_weight` | float             | `1.0`        | see Rewards |
-    | `smooth_weight`   | float             | `0.05`       | see Rewards |
-    | `energy_weight`   | float             | `0.0`        | see Rewards [1/W] |
-    | `start_noise`     | float             | `0.02`       | see Starting State |
-    | `width`, `height` | int               | `640, 480`   | of the picture [px] |
-
     ## Version History
     * v1: actions correct the trajectory, with a lead. Trained without, policies were bang-bang, and worse than none.
     * v0: actions are goals: `correction=0`, `lead=0`.
@@ -136,23 +115,6 @@ class ReachEnv(SingleEnv, task=ReachTask):
     After 250 steps (5 s).
 
     ## Arguments
-
-    | Parameter         | Type              | Default    | Description |
-    |-------------------|-------------------|------------|---------------------------------------------------------------|
-    | `robot`           | str or path       | `'bench'`  | a name, or the robot's `.yaml`, `.xml` or `.urdf` |
-    | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: the robot's own |
-    | `randomization`   | dict or path      | `None`     | what every episode draws anew, see `envs/engine/randomization.py` |
-    | `params`          | dict              | `None`     | numbers of the robot other than its own, such as `forearm_mass` |
-    | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
-    | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None` | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `reach`           | float             | `0.8`      | see Starting State |
-    | `tolerance`       | float             | `0.05`     | see Rewards: scale of an error, as a share of half the range |
-    | `tracking_weight` | float             | `1.0`      | see Rewards |
-    | `smooth_weight`   | float             | `0.05`     | see Rewards |
-    | `energy_weight`   | float             | `0.0`      | see Rewards [1/W] |
-    | `start_noise`     | float             | `0.02`     | see Starting State |
-    | `width`, `height` | int               | `640, 480` | of the picture [px] |
 
     ## Version History
     * v0: initial version.
@@ -233,43 +195,6 @@ class WalkEnv(SingleEnv, task=WalkTask):
     After 1000 steps (20 s).
 
     ## Arguments
-
-    | Parameter          | Type              | Default       | Description |
-    |--------------------|-------------------|---------------|---------------------------------------------------------------|
-    | `robot`            | str or path       | `'quadruped'` | a name, or the robot's `.yaml`, `.xml` or `.urdf` |
-    | `actuator`         | str, list or dict | `None`        | chain: a name in `configs/actuator`, a path or stages; `None`: the robot's own |
-    | `randomization`    | dict or path      | `None`        | what every episode draws anew, see `envs/engine/randomization.py` |
-    | `params`           | dict              | `None`        | numbers of the robot other than its own, such as `trunk_mass` |
-    | `control_rate`     | float             | `50.0`        | actions per second [Hz] |
-    | `action_delay`     | float             | `0.0`         | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`            | mapping or `None` | `None`        | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `forward`          | float or pair     | `(-0.2, 0.3)` | commanded speed, or from which to which [m/s] |
-    | `sideways`         | float or pair     | `(-0.1, 0.1)` | the same to the left [m/s] |
-    | `turn`             | float or pair     | `(-0.6, 0.6)` | the same about the vertical [rad/s] |
-    | `stand_share`      | float             | `0.1`         | see Starting State |
-    | `command_interval` | float             | `0.0`         | between commands of an episode; 0: it has one [s] |
-    | `correction`       | float             | `0.25`        | see Action Space |
-    | `cadence`          | float             | `0.0`         | cycles of the reference gait per second [Hz]; 0: none |
-    | `lift`             | float             | `0.03`        | of a foot, in the reference gait and the reward [m] |
-    | `tolerance`        | float             | `0.08`        | see Rewards [m/s] |
-    | `turn_tolerance`   | float             | `0.3`         | see Rewards [rad/s] |
-    | `tracking_weight`  | float             | `2.0`         | see Rewards |
-    | `turn_weight`      | float             | `1.0`         | see Rewards |
-    | `upright_weight`   | float             | `2.0`         | see Rewards |
-    | `sway_weight`      | float             | `0.05`        | see Rewards |
-    | `air_time_weight`  | float             | `1.0`         | see Rewards |
-    | `air_time`         | float             | `0.2`         | see Rewards [s] |
-    | `slip_weight`      | float             | `0.1`         | see Rewards |
-    | `clearance_weight` | float             | `0.1`         | see Rewards |
-    | `collision_weight` | float             | `0.5`         | see Rewards |
-    | `smooth_weight`    | float             | `0.05`        | see Rewards |
-    | `duty_weight`      | float             | `0.1`         | see Rewards |
-    | `energy_weight`    | float             | `0.002`       | see Rewards [1/W] |
-    | `stand_weight`     | float             | `1.0`         | see Rewards |
-    | `healthy_tilt`     | float             | `0.7`         | see Termination [rad] |
-    | `healthy_height`   | float             | `0.5`         | see Termination |
-    | `start_noise`      | float             | `0.05`        | see Starting State |
-    | `width`, `height`  | int               | `640, 480`    | of the picture [px] |
 
     ## Version History
     * v0: initial version.

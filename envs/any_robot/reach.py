@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.task import Motion
+from ..engine.task import Motion, option
 from .task import AnyRobotTask, Numbers
 
 
 @dataclass(frozen=True)
 class ReachTask(AnyRobotTask):
-    """Weights and ranges of the task; the table in :class:`sealegs.envs.any_robot.env.ReachEnv` explains them."""
+    """The options of :class:`sealegs.envs.any_robot.env.ReachEnv`."""
 
-    reach: float = 0.8
+    reach: float = option(0.8, "see Starting State")
 
     def observation_names(self) -> tuple[str, ...]:
         return self.named(

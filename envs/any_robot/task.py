@@ -14,7 +14,7 @@ from ...actuators import Drivetrain
 from ..bench.robot import BENCH
 from ..engine.model_poses import stand
 from ..engine.robot import Robot
-from ..engine.task import Motion, Task
+from ..engine.task import Motion, Task, option
 from ..robots import get_robot
 
 
@@ -30,11 +30,11 @@ class AnyRobotTask(Task):
         per_robot: further ones that it needs, which come last.
     """
 
-    tolerance: float = 0.05
+    tolerance: float = option(0.05, "see Rewards: scale of an error, as a share of half the range")
     tracking_weight: float = 1.0
     smooth_weight: float = 0.05
-    energy_weight: float = 0.0
-    start_noise: float = 0.02
+    energy_weight: float = option(0.0, "see Rewards", "1/W")
+    start_noise: float = option(0.02, "see Starting State")
 
     robot = BENCH
     any_robot = True

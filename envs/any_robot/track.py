@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.task import Motion
+from ..engine.task import Motion, option
 from .lead import ROWS, measured_lead
 from .task import AnyRobotTask, Numbers, columns
 
@@ -20,13 +20,13 @@ FIELDS = ("amplitude", "frequency", "phase")
 
 @dataclass(frozen=True)
 class TrackTask(AnyRobotTask):
-    """Weights and ranges of the task; the table in :class:`sealegs.envs.any_robot.env.TrackEnv` explains them."""
+    """The options of :class:`sealegs.envs.any_robot.env.TrackEnv`."""
 
-    amplitude: float = 0.8
-    frequency: float | tuple[float, float] = (0.2, 0.8)
-    preview: float = 0.06
-    correction: float = 0.2
-    lead: float | None = None
+    amplitude: float = option(0.8, "see Starting State")
+    frequency: float | tuple[float, float] = option((0.2, 0.8), "of the sines, or from which to which", "Hz")
+    preview: float = option(0.06, "how far ahead the later target is", "s")
+    correction: float = option(0.2, "see Action Space")
+    lead: float | None = option(None, "see Action Space [s]; `None`: measured")
 
     ranges = ("frequency",)
     per_joint = WAVES * len(FIELDS) + 1

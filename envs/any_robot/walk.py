@@ -12,7 +12,7 @@ import numpy as np
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from ..engine.robot import Robot
-from ..engine.task import Motion, drawn
+from ..engine.task import Motion, drawn, option
 from ..robots import get_robot
 from .stand import Standing, standing
 from .task import AnyRobotTask, Numbers
@@ -25,24 +25,24 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class WalkTask(AnyRobotTask):
-    """Weights and ranges of the task; the table in :class:`sealegs.envs.any_robot.env.WalkEnv` explains them."""
+    """The options of :class:`sealegs.envs.any_robot.env.WalkEnv`."""
 
-    forward: float | Sequence[float] = (-0.2, 0.3)
-    sideways: float | Sequence[float] = (-0.1, 0.1)
-    turn: float | Sequence[float] = (-0.6, 0.6)
-    stand_share: float = 0.1
-    command_interval: float = 0.0
-    correction: float = 0.25
-    cadence: float = 0.0
-    lift: float = 0.03
-    tolerance: float = 0.08
-    turn_tolerance: float = 0.3
+    forward: float | Sequence[float] = option((-0.2, 0.3), "commanded speed, or from which to which", "m/s")
+    sideways: float | Sequence[float] = option((-0.1, 0.1), "the same to the left", "m/s")
+    turn: float | Sequence[float] = option((-0.6, 0.6), "the same about the vertical", "rad/s")
+    stand_share: float = option(0.1, "see Starting State")
+    command_interval: float = option(0.0, "between commands of an episode; 0: it has one", "s")
+    correction: float = option(0.25, "see Action Space")
+    cadence: float = option(0.0, "cycles of the reference gait per second [Hz]; 0: none")
+    lift: float = option(0.03, "of a foot, in the reference gait and the reward", "m")
+    tolerance: float = option(0.08, "see Rewards", "m/s")
+    turn_tolerance: float = option(0.3, "see Rewards", "rad/s")
     tracking_weight: float = 2.0
     turn_weight: float = 1.0
     upright_weight: float = 2.0
     sway_weight: float = 0.05
     air_time_weight: float = 1.0
-    air_time: float = 0.2
+    air_time: float = option(0.2, "see Rewards", "s")
     slip_weight: float = 0.1
     clearance_weight: float = 0.1
     collision_weight: float = 0.5
@@ -50,8 +50,8 @@ class WalkTask(AnyRobotTask):
     duty_weight: float = 0.1
     energy_weight: float = 0.002
     stand_weight: float = 1.0
-    healthy_tilt: float = 0.7
-    healthy_height: float = 0.5
+    healthy_tilt: float = option(0.7, "see Termination", "rad")
+    healthy_height: float = option(0.5, "see Termination")
     start_noise: float = 0.05
 
     robot = get_robot("quadruped")

@@ -68,25 +68,6 @@ class ArmEnv(SingleEnv, task=ArmTask):
 
     ## Arguments
 
-    | Parameter         | Type                | Default    | Description |
-    |-------------------|---------------------|------------|-------------------------------------------------------------|
-    | `actuator`        | str, list or dict   | `None`     | chain: a word (`srlfj`, `ideal`, `regression`, `net`), a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `srlfj` |
-    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
-    | `params`          | dict                | `None`     | numbers of the robot, see `envs/arm/parameters.py` |
-    | `control_rate`    | float               | `100.0`    | actions per second [Hz] |
-    | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `seconds`         | float or (low, high) | `5.0`     | duration of the line, or the range it is drawn from [s] |
-    | `correction`      | float               | `1.0`      | how far actions correct the goals; 0: actions are goals |
-    | `lead`            | float               | `0.06`     | time by which goals run ahead of the line [s] |
-    | `tracking_weight` | float               | `1.0`      | see Rewards |
-    | `fine_weight`     | float               | `1.0`      | see Rewards |
-    | `smooth_weight`   | float               | `0.05`     | see Rewards |
-    | `tracking_range`  | float               | `0.005`    | error at which *reward_tracking* is zero [m] |
-    | `largest_error`   | float               | `0.15`     | see Termination [m] |
-    | `start_noise`     | float               | `0.0005`   | see Starting State [rad] |
-    | `width`, `height` | int                 | `640, 480` | of the picture [px] |
-
     `gymnasium.make_vec("SeaLegs/Arm-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
     the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.task import Motion, Task, drawn
+from ..engine.task import Motion, Task, drawn, option
 from .kinematics import Lengths, tool
 from .robot import ARM
 from .tables import JOINTS
@@ -32,17 +32,17 @@ def lengths_of(numbers: Mapping[str, float]) -> Lengths:
 
 @dataclass(frozen=True)
 class ArmTask(Task):
-    """Weights and ranges of the arm's task, as the table in :class:`sealegs.envs.arm.env.ArmEnv` has them."""
+    """The options of :class:`sealegs.envs.arm.env.ArmEnv`."""
 
-    seconds: float | Sequence[float] = 5.0
-    correction: float = 1.0
-    lead: float = 0.06
+    seconds: float | Sequence[float] = option(5.0, "duration of the line, or the range it is drawn from", "s")
+    correction: float = option(1.0, "how far actions correct the goals; 0: actions are goals")
+    lead: float = option(0.06, "time by which goals run ahead of the line", "s")
     tracking_weight: float = 1.0
     fine_weight: float = 1.0
     smooth_weight: float = 0.05
-    tracking_range: float = 0.005
-    largest_error: float = 0.15
-    start_noise: float = 5e-4
+    tracking_range: float = option(0.005, "error at which *reward_tracking* is zero", "m")
+    largest_error: float = option(0.15, "see Termination", "m")
+    start_noise: float = option(5e-4, "see Starting State", "rad")
 
     robot = ARM
     draws = 4

@@ -52,20 +52,6 @@ class BenchEnv(SingleEnv, task=BenchTask):
 
     ## Arguments
 
-    | Parameter         | Type              | Default    | Description |
-    |-------------------|-------------------|------------|---------------------------------------------------------------|
-    | `actuator`        | str, list or dict | `None`     | chain: a name in `configs/actuator`, a path or stages; `None`: `sts3215` |
-    | `randomization`   | dict or path      | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
-    | `params`          | dict              | `None`     | `mass` [kg] at the end, `arm_mass` [kg] of the rod, `length` [m], and the others of `envs/bench/robot.py` |
-    | `control_rate`    | float             | `50.0`     | actions per second [Hz] |
-    | `action_delay`    | float             | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None` | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `target_range`    | float             | `1.2`      | see Starting State [rad] |
-    | `tracking_weight` | float             | `1.0`      | see Rewards |
-    | `energy_weight`   | float             | `0.02`     | see Rewards [1/W] |
-    | `start_noise`     | float             | `0.2`      | see Starting State |
-    | `width`, `height` | int               | `640, 480` | of the picture [px] |
-
     ## Version History
     * v0: initial version.
     """  # noqa: E501

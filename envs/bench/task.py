@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.task import Motion, Task
+from ..engine.task import Motion, Task, option
 from .robot import BENCH, JOINT
 
 
 @dataclass(frozen=True)
 class BenchTask(Task):
-    """Weights and ranges of the bench's task; the table in :class:`sealegs.envs.bench.env.BenchEnv` explains them."""
+    """The options of :class:`sealegs.envs.bench.env.BenchEnv`."""
 
-    target_range: float = 1.2
+    target_range: float = option(1.2, "see Starting State", "rad")
     tracking_weight: float = 1.0
-    energy_weight: float = 0.02
-    start_noise: float = 0.2
+    energy_weight: float = option(0.02, "see Rewards", "1/W")
+    start_noise: float = option(0.2, "see Starting State")
 
     robot = BENCH
     draws = 3

@@ -112,32 +112,6 @@ class BipedEnv(SingleEnv, task=BipedTask):
 
     ## Arguments
 
-    | Parameter         | Type                | Default    | Description |
-    |-------------------|---------------------|------------|-------------------------------------------------------------|
-    | `actuator`        | str, list or dict   | `None`     | `ideal`, `regression`, `net`, `mabel`, or a chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `mabel` |
-    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
-    | `params`          | dict                | `None`     | numbers of the robot, see `envs/biped/parameters.py` |
-    | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
-    | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `speed`           | float or (low, high) | `0.6`     | commanded speed, or the range it is drawn from [m/s] |
-    | `hopping`         | float               | `0.0`      | 0: walk; 1: hop with both legs |
-    | `cadence`         | float               | `1.0`      | turns of the clock per second: two steps, or one hop [Hz] |
-    | `correction`      | float               | `0.0`      | 0: actions are goals; else how far they correct the reference gait, as a share of half the range of goals |
-    | `forward_weight`  | float               | `1.0`      | see Rewards |
-    | `alive_weight`    | float               | `0.5`      | see Rewards |
-    | `gait_weight`     | float               | `0.5`      | see Rewards |
-    | `upright_weight`  | float               | `0.5`      | see Rewards |
-    | `energy_weight`   | float               | `3e-4`     | see Rewards [1/W] |
-    | `slip_weight`     | float               | `0.0`      | see Rewards [s/m] |
-    | `clearance_weight` | float              | `0.0`      | see Rewards |
-    | `lift`            | float               | `0.05`     | height of a sole at which *reward_gait* is full [m] |
-    | `healthy_height`  | float               | `0.65`     | lowest height of the hip [m] |
-    | `healthy_pitch`   | float               | `0.7`      | largest pitch of the torso [rad] |
-    | `mirrored`        | float               | `0.0`      | 1: the policy sees the swinging leg as the left one, see Observation Space; without effect where `hopping` is above 0 |
-    | `start_noise`     | float               | `0.03`     | see Starting State |
-    | `width`, `height` | int                 | `640, 480` | of the picture [px] |
-
     `gymnasium.make_vec("SeaLegs/Biped-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
     the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
-from ..engine.task import Motion, Task, drawn
+from ..engine.task import Motion, Task, drawn, option
 from .drive import ANGLE, SHAPE
 from .gait import HoppingGait, WalkingGait
 from .kinematics import feet, place, segments
@@ -25,24 +25,30 @@ REACH = np.array([0.5 * (high - low) for low, high in (GOAL_RANGE[ANGLE], GOAL_R
 
 @dataclass(frozen=True)
 class BipedTask(Task):
-    """Weights and ranges of the biped's task; the table in :class:`sealegs.envs.biped.env.BipedEnv` explains them."""
+    """The options of :class:`sealegs.envs.biped.env.BipedEnv`."""
 
-    speed: float | Sequence[float] = 0.6
-    hopping: float = 0.0
-    cadence: float = 1.0
-    correction: float = 0.0
+    speed: float | Sequence[float] = option(0.6, "commanded speed, or the range it is drawn from", "m/s")
+    hopping: float = option(0.0, "0: walk; 1: hop with both legs")
+    cadence: float = option(1.0, "turns of the clock per second: two steps, or one hop", "Hz")
+    correction: float = option(
+        0.0, "0: actions are goals; else how far they correct the reference gait, as a share of half the range of goals"
+    )
     forward_weight: float = 1.0
     alive_weight: float = 0.5
     gait_weight: float = 0.5
     upright_weight: float = 0.5
-    energy_weight: float = 3e-4
-    slip_weight: float = 0.0
+    energy_weight: float = option(3e-4, "see Rewards", "1/W")
+    slip_weight: float = option(0.0, "see Rewards", "s/m")
     clearance_weight: float = 0.0
-    lift: float = 0.05
-    healthy_height: float = 0.65
-    healthy_pitch: float = 0.7
-    mirrored: float = 0.0
-    start_noise: float = 0.03
+    lift: float = option(0.05, "height of a sole at which *reward_gait* is full", "m")
+    healthy_height: float = option(0.65, "lowest height of the hip", "m")
+    healthy_pitch: float = option(0.7, "largest pitch of the torso", "rad")
+    mirrored: float = option(
+        0.0,
+        "1: the policy sees the swinging leg as the left one, see Observation Space; without effect where `hopping` is "
+        "above 0",
+    )
+    start_noise: float = option(0.03, "see Starting State")
 
     robot = BIPED
     draws = 8

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, get_type_hints
+from typing import Any, ClassVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -14,22 +15,52 @@ from ...common.errors import SealegsError, nearest
 from .robot import ChainSource, Robot
 from .task import Task
 
-ENGINE: dict[str, tuple[Any, Any]] = {
-    "actuator": (ChainSource | Mapping[str, ChainSource] | None, None),
-    "randomization": (Mapping[str, Any] | str | None, None),
-    "params": (Mapping[str, float] | None, None),
-    "control_rate": (float, None),  # the task's own
-    "action_delay": (float, 0.0),
-    "servo": (Mapping[str, float] | None, None),
-}
-"""Arguments of the engine that an environment takes: type and default."""
+
+@dataclass(frozen=True)
+class Argument:
+    """What an environment can be given.
+
+    Attributes:
+        kind: type of its value.
+        default: value where none is given.
+        doc: what it means.
+    """
+
+    kind: Any
+    default: Any
+    doc: str = ""
+
+
+CHAIN = "chain: {words}a name in `configs/actuator`, a path or stages, or one of these by coordinate; `None`: {default}"
+ROBOT = Argument(str | Path | Robot, None, "a name, or the robot's `.yaml`, `.xml` or `.urdf`")
+ENGINE: dict[str, Argument] = {
+    "actuator": Argument(ChainSource | Mapping[str, ChainSource] | None, None, CHAIN),
+    "randomization": Argument(
+        Mapping[str, Any] | str | None, None, "what every episode draws anew, see `envs/engine/randomization.py`"
+    ),
+    "params": Argument(
+        Mapping[str, float] | None, None, "numbers of the robot other than its own: `{first}` and the others"
+    ),
+    "control_rate": Argument(float, None, "actions per second [Hz]"),  # the task's own
+    "action_delay": Argument(float, 0.0, "from an observation to its goal [s]; a whole number of physics steps"),
+    "servo": Argument(
+        Mapping[str, float] | None, None,
+        "weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat`",
+    ),
+}  # fmt: skip
+"""Arguments of the engine that an environment takes."""
+OF_SHELLS = {"width": "of the picture [px]", "height": "of the picture [px]", "num_envs": "simulations side by side",
+             "render_mode": "one of `metadata`; `None`: no pictures",
+             "max_episode_steps": "control steps after which an episode ends"}  # fmt: skip
+"""What the arguments of the classes for Gymnasium mean."""
+HEADING = "## Arguments\n"
 
 
 class TaskShell:
     """What the classes for Gymnasium share: a subclass names its task, and so has the arguments of that task.
 
-    ``class HopperEnv(SingleEnv, task=HopperTask)`` is all that a robot adds, beside its documentation; the signature
-    that ``inspect`` and notebooks show is made from the task's dataclass.
+    ``class HopperEnv(SingleEnv, task=HopperTask)`` is all that a robot adds, beside its documentation. The signature
+    that ``inspect`` and notebooks show and the table of arguments are made from the task's dataclass.
     """
 
     task: ClassVar[type[Task]]
@@ -37,29 +68,64 @@ class TaskShell:
 
     def __init_subclass__(cls, task: type[Task] | None = None, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
-        if task is not None:
-            cls.task = task
-            cls.__signature__ = signature(cls, task)
+        if task is None:
+            return
+        cls.task = task
+        known = arguments(cls, task)
+        cls.__signature__ = inspect.Signature([
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=item.kind, default=item.default)
+            for name, item in known.items()
+        ])  # fmt: skip
+        if cls.__doc__ and HEADING in cls.__doc__:
+            text = inspect.cleandoc(cls.__doc__)
+            cls.__doc__ = text.replace(HEADING, f"{HEADING}\n{table(known)}", 1)
 
 
-def signature(shell: type, task: type[Task]) -> inspect.Signature:
-    """The engine's arguments, the task's, then those of the shell's own constructor; all by keyword."""
-    parameters: dict[str, tuple[Any, Any]] = dict(ENGINE)
-    parameters["control_rate"] = (float, task.control_rate)
-    if task.any_robot:
-        parameters = {"robot": (str | Path | Robot, task.robot.name), **parameters}
+def arguments(shell: type, task: type[Task]) -> dict[str, Argument]:
+    """The engine's arguments, the task's, then those of the shell's own constructor, by name."""
+    known = {"robot": dataclasses.replace(ROBOT, default=task.robot.name)} if task.any_robot else {}
+    known |= ENGINE
+    chains = {chain if isinstance(chain, str) else "" for chain in task.robot.chains.values()}
+    own = "".join(chains) if len(chains) == 1 and not task.any_robot else ""
+    words = "".join(f"`{word}`, " for word in task.robot.words)
+    chain = CHAIN.format(words=words, default=f"`{own}`" if own else "the robot's own")
+    first = next(iter(task.robot.numbers), "")
+    known["actuator"] = dataclasses.replace(ENGINE["actuator"], doc=chain)
+    known["params"] = dataclasses.replace(ENGINE["params"], doc=ENGINE["params"].doc.format(first=first))
+    known["control_rate"] = dataclasses.replace(ENGINE["control_rate"], default=task.control_rate)
     types = get_type_hints(task)
-    parameters |= {item.name: (types[item.name], item.default) for item in dataclasses.fields(task)}
+    known |= {
+        item.name: Argument(types[item.name], item.default, _meaning(task, item.name))
+        for item in dataclasses.fields(task)
+    }
     types = get_type_hints(shell.__init__)
     for name, item in inspect.signature(shell.__init__).parameters.items():
         if name != "self" and item.kind is not item.VAR_KEYWORD:
-            parameters[name] = (types[name], item.default)
-    return inspect.Signature(
-        [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
-            for name, (annotation, default) in parameters.items()
-        ]
-    )
+            known[name] = Argument(types[name], item.default, OF_SHELLS.get(name, ""))
+    return known
+
+
+def _meaning(task: type[Task], name: str) -> str:
+    """What a task, or the first above it that does, says of one of its numbers."""
+    for kind in task.__mro__:
+        item = getattr(kind, "__dataclass_fields__", {}).get(name)
+        if item is not None and item.metadata:
+            return item.metadata["doc"] + (f" [{item.metadata['unit']}]" if item.metadata["unit"] else "")
+    return "see Rewards" if name.endswith("_weight") else ""
+
+
+def table(known: Mapping[str, Argument]) -> str:
+    """Arguments as a table in Markdown."""
+    rows = [f"| `{name}` | {_kind(item.kind)} | `{item.default!r}` | {item.doc} |\n" for name, item in known.items()]
+    return "| Parameter | Type | Default | Description |\n|---|---|---|---|\n" + "".join(rows)
+
+
+def _kind(kind: Any) -> str:
+    """A type in words that a table can hold."""
+    parts = [part for part in (get_args(kind) or (kind,)) if part is not type(None)]
+    names = [str(getattr(get_origin(part) or part, "__name__", part)) for part in parts]
+    words = {"Sequence": "(low, high)", "tuple": "(low, high)", "Mapping": "dict"}
+    return " or ".join(dict.fromkeys(words.get(name, name) for name in names))
 
 
 def task_arguments(kind: type[Task], keywords: Mapping[str, Any]) -> tuple[Task, dict[str, Any]]:

@@ -89,6 +89,19 @@ class Motion:
         return self.base
 
 
+def option(default: Any, doc: str, unit: str = "") -> Any:
+    """A number of a task with what it means, as the documentation of its environment has it.
+
+    A number without one has that of the task that this one is derived from; weights are those of terms of the reward.
+
+    Args:
+        default: value where none is given; None: it follows from robot and chains (:meth:`Task.fitted`).
+        doc: in a few words.
+        unit: as ``m/s``.
+    """
+    return field(default=default, metadata={"doc": doc, "unit": unit})
+
+
 def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:
     """A number of a task, drawn from its range: uniform numbers in [0, 1) (any shape) in, numbers of that shape out."""
     low, high = span if isinstance(span, Sequence) else (span, span)
@@ -97,8 +110,8 @@ def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """A robot and what it is asked to do. Subclasses are frozen dataclasses of weights; their methods know no single
-    simulation.
+    """A robot and what it is asked to do. Subclasses are frozen dataclasses of numbers, which are the options of their
+    environment (:func:`option`); their methods know no single simulation.
 
     Attributes:
         robot: that the task is for.

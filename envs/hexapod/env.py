@@ -80,24 +80,6 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
 
     ## Arguments
 
-    | Parameter           | Type                | Default    | Description |
-    |---------------------|---------------------|------------|-----------------------------------------------------------|
-    | `actuator`          | str, list or dict   | `None`     | chains: a word (`amru5_lugre`, `amru5_dry`, `amru5_load`, `amru5_frictionless`, `ideal`, `regression`, `net`), a path, stages, or one of these by joint; `None`: `amru5_lugre` |
-    | `randomization`     | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
-    | `params`            | dict                | `None`     | numbers of the robot, see `envs/hexapod/parameters.py` |
-    | `control_rate`      | float               | `1.0`      | actions per second [Hz] |
-    | `action_delay`      | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`             | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `speed`             | float or (low, high) | `0.03`    | commanded speed, or the range it is drawn from [m/s] |
-    | `forward_weight`    | float               | `1.0`      | see Rewards |
-    | `alive_weight`      | float               | `0.1`      | see Rewards |
-    | `straight_weight`   | float               | `0.3`      | see Rewards |
-    | `resistance_weight` | float               | `0.3`      | see Rewards |
-    | `healthy_height`    | float               | `0.12`     | lowest height of the body [m] |
-    | `healthy_upright`   | float               | `0.85`     | lowest cosine of its tilt |
-    | `start_noise`       | float               | `0.1`      | see Starting State |
-    | `width`, `height`   | int                 | `640, 480` | of the picture [px] |
-
     `gymnasium.make_vec("SeaLegs/Hexapod-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
     the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...actuators.gravity import GRAVITY
-from ..engine.task import ModulatedTask, Motion, drawn
+from ..engine.task import ModulatedTask, Motion, drawn, option
 from . import modulated_gait
 from .gait import PERIOD
 from .ground import penetration
@@ -25,16 +25,16 @@ UP, UPRIGHT = 2, slice(3, 7)  # height and quaternion of the body in qpos
 
 @dataclass(frozen=True)
 class HexapodTask(ModulatedTask):
-    """Weights and ranges of the hexapod's task: the table in :class:`sealegs.envs.hexapod.env.HexapodEnv` has them."""
+    """The options of :class:`sealegs.envs.hexapod.env.HexapodEnv`."""
 
-    speed: float | Sequence[float] = 0.03
+    speed: float | Sequence[float] = option(0.03, "commanded speed, or the range it is drawn from", "m/s")
     forward_weight: float = 1.0
     alive_weight: float = 0.1
     straight_weight: float = 0.3
     resistance_weight: float = 0.3
-    healthy_height: float = 0.12
-    healthy_upright: float = 0.85
-    start_noise: float = 0.1
+    healthy_height: float = option(0.12, "lowest height of the body", "m")
+    healthy_upright: float = option(0.85, "lowest cosine of its tilt")
+    start_noise: float = option(0.1, "see Starting State")
 
     robot = HEXAPOD
     draws = 2 + 3 * LEGS  # speed, first tripod, joints

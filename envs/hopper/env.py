@@ -77,24 +77,6 @@ class HopperEnv(SingleEnv, task=HopperTask):
 
     ## Arguments
 
-    | Parameter         | Type                | Default    | Description |
-    |-------------------|---------------------|------------|-------------------------------------------------------------|
-    | `actuator`        | str, list or dict   | `None`     | chain: a name in `configs/actuator`, a path, stages, or one of these by coordinate; `None`: `sv1270tg` |
-    | `randomization`   | dict or path        | `None`     | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
-    | `params`          | dict                | `None`     | numbers of the robot, see `envs/hopper/parameters.py` |
-    | `control_rate`    | float               | `50.0`     | actions per second [Hz] |
-    | `action_delay`    | float               | `0.0`      | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None`   | `None`     | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `speed`           | float or (low, high) | `0.3`     | commanded speed, or the range it is drawn from [m/s] |
-    | `forward_weight`  | float               | `1.0`      | see Rewards |
-    | `alive_weight`    | float               | `0.2`      | see Rewards |
-    | `height_weight`   | float               | `0.5`      | see Rewards |
-    | `energy_weight`   | float               | `0.02`     | see Rewards [1/W] |
-    | `healthy_height`  | float               | `0.06`     | lowest height of the hip [m] |
-    | `healthy_angle`   | float               | `2.0`      | largest angle of a link [rad] |
-    | `start_noise`     | float               | `0.05`     | see Starting State |
-    | `width`, `height` | int                 | `640, 480` | of the picture [px] |
-
     `gymnasium.make_vec("SeaLegs/Hopper-v0", num_envs=64)` steps the simulations on all cores and starts new episodes in
     the same step; `sealegs.envs.engine.sb3.BatchVecEnv` does so for Stable-Baselines3. Equal seeds give bit-equal trajectories in
     all three.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.task import Motion, Task, drawn
+from ..engine.task import Motion, Task, drawn, option
 from .robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
 
 SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms
@@ -18,16 +18,16 @@ FORWARD, UP = 0, 1  # qpos and qvel of the base
 
 @dataclass(frozen=True)
 class HopperTask(Task):
-    """Weights and ranges of the hopper's task, as the table in :class:`sealegs.envs.hopper.env.HopperEnv` has them."""
+    """The options of :class:`sealegs.envs.hopper.env.HopperEnv`."""
 
-    speed: float | Sequence[float] = 0.3
+    speed: float | Sequence[float] = option(0.3, "commanded speed, or the range it is drawn from", "m/s")
     forward_weight: float = 1.0
     alive_weight: float = 0.2
     height_weight: float = 0.5
-    energy_weight: float = 0.02
-    healthy_height: float = 0.06
-    healthy_angle: float = 2.0
-    start_noise: float = 0.05
+    energy_weight: float = option(0.02, "see Rewards", "1/W")
+    healthy_height: float = option(0.06, "lowest height of the hip", "m")
+    healthy_angle: float = option(2.0, "largest angle of a link", "rad")
+    start_noise: float = option(0.05, "see Starting State")
 
     robot = HOPPER
     draws = 6

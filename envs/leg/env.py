@@ -64,23 +64,6 @@ class LegEnv(SingleEnv, task=LegTask):
 
     ## Arguments
 
-    | Parameter         | Type                | Default        | Description |
-    |-------------------|---------------------|----------------|-------------------------------------------------------------|
-    | `actuator`        | str, list or dict   | `None`         | chain: a name in `configs/actuator`, a path, stages, or one of these by joint; `None`: `silo4` |
-    | `randomization`   | dict or path        | `None`         | numbers drawn anew in every episode, see `envs/engine/randomization.py` |
-    | `params`          | dict                | `None`         | numbers of the robot, see `envs/leg/parameters.py` |
-    | `control_rate`    | float               | `100.0`        | actions per second [Hz] |
-    | `action_delay`    | float               | `0.0`          | from an observation to its goal [s]; a whole number of physics steps |
-    | `servo`           | mapping or `None`   | `None`         | weights of terms that spare the servos: `goal_rate`, `saturation`, `reversals`, `heat` |
-    | `speed`           | float or (low, high) | `(0.05, 0.15)` | mean speed of the foot, or the range it is drawn from [m/s]; its peak is twice that |
-    | `preview`         | float               | `0.0`          | time by which goals run ahead of the path [s] |
-    | `correction`      | float               | `0.004`        | see Action Space [rad] |
-    | `correction_time` | float               | `0.01`         | see Action Space [s] |
-    | `tracking_weight` | float               | `1.0`          | see Rewards |
-    | `energy_weight`   | float               | `0.0`          | see Rewards [1/W] |
-    | `start_noise`     | float               | `0.002`        | see Starting State [rad] |
-    | `width`, `height` | int                 | `640, 480`     | of the picture [px] |
-
     ## Version History
     * v0: initial version.
     """  # noqa: E501

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.task import ModulatedTask, Motion, drawn
+from ..engine.task import ModulatedTask, Motion, drawn, option
 from . import path
 from .kinematics import angles, foot
 from .robot import JOINTS, LEG
@@ -20,15 +20,17 @@ TIME, CORRECTION = 0, slice(1, 4)  # in the memory
 
 @dataclass(frozen=True)
 class LegTask(ModulatedTask):
-    """Weights and ranges of the leg's task: the table in :class:`sealegs.envs.leg.env.LegEnv` has them."""
+    """The options of :class:`sealegs.envs.leg.env.LegEnv`."""
 
-    speed: float | Sequence[float] = (0.05, 0.15)
-    preview: float = 0.0
-    correction: float = 0.004
-    correction_time: float = 0.01
+    speed: float | Sequence[float] = option(
+        (0.05, 0.15), "mean speed of the foot, or the range it is drawn from [m/s]; its peak is twice that"
+    )
+    preview: float = option(0.0, "time by which goals run ahead of the path", "s")
+    correction: float = option(0.004, "see Action Space", "rad")
+    correction_time: float = option(0.01, "see Action Space", "s")
     tracking_weight: float = 1.0
-    energy_weight: float = 0.0
-    start_noise: float = 0.002
+    energy_weight: float = option(0.0, "see Rewards", "1/W")
+    start_noise: float = option(0.002, "see Starting State", "rad")
 
     robot = LEG
     draws = 10  # speed, both ends of the path, joints

@@ -95,7 +95,7 @@ def test_the_documented_tables_are_those_of_the_environment() -> None:
     engine = env.engine
     assert [float(low) for _, low, _ in actions] == pytest.approx(engine.goal_centre - engine.goal_half, abs=1e-3)
     assert [float(high) for *_, high in actions] == pytest.approx(engine.goal_centre + engine.goal_half, abs=1e-3)
-    observations = re.findall(r"^ +\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
+    observations = re.findall(r"^ *\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
     assert len(observations) == engine.observation_size == len(engine.task.observation_names())
 
 

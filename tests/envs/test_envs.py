@@ -127,13 +127,9 @@ def test_the_signature_and_the_documented_arguments_are_those_of_the_task(env_id
     assert {"actuator", "randomization", "params", "control_rate", "render_mode"} <= set(shown)
     assert {item.name for item in dataclasses.fields(kind.task)} <= set(shown)
     table = (kind.__doc__ or "").partition("## Arguments")[2]
-    rows = re.findall(r"^ *\| ((?:`\w+`(?:, )?)+) *\| [^|]*\| `([^`]*)`", table, re.MULTILINE)
-    documented = {}
-    for names, value in rows:
-        names = re.findall(r"\w+", names)
-        values = ast.literal_eval(value)
-        documented |= dict(zip(names, values if len(names) > 1 else (values,), strict=True))
-    assert documented == {name: item.default for name, item in shown.items() if name != "render_mode"}
+    rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| `([^`]*)` \| (.+) \|$", table, re.MULTILINE)
+    documented = {name: ast.literal_eval(value) for name, value, _ in rows}
+    assert documented == {name: item.default for name, item in shown.items()}
 
 
 @every_environment
@@ -194,7 +190,7 @@ def test_the_documented_tables_are_those_of_the_environment(env_id: str) -> None
     engine = env.engine
     assert [float(low) for _, low, _ in actions] == pytest.approx(engine.goal_centre - engine.goal_half, abs=1e-3)
     assert [float(high) for *_, high in actions] == pytest.approx(engine.goal_centre + engine.goal_half, abs=1e-3)
-    observations = re.findall(r"^ +\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
+    observations = re.findall(r"^ *\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
     assert len(observations) == env.engine.observation_size == len(engine.task.observation_names())
 
 

@@ -187,12 +187,12 @@ def test_the_documented_tables_are_those_of_the_environment() -> None:
     assert isinstance(env, SingleEnv)
     engine, text = env.engine, HexapodEnv.__doc__ or ""
     actions, observations = text.split("## Observation Space")[:2]
-    rows = re.findall(r"^ +\| (\d) +\|.*?\|" + r" (-?[\d.]+) +\|" * 4 + r" (.+?) +\|$", actions, re.MULTILINE)
+    rows = re.findall(r"^ *\| (\d) +\|.*?\|" + r" (-?[\d.]+) +\|" * 4 + r" (.+?) +\|$", actions, re.MULTILINE)
     assert [int(row[0]) for row in rows] == list(range(6))
     for row, (*numbers, unit) in zip(rows, MODULATED.values(), strict=True):
         assert [float(value) for value in row[1:5]] == pytest.approx(numbers, abs=1e-4)
         assert row[5] == unit
-    last = re.findall(r"^ +\| (?:\d+-)?(\d+) +\|", observations.split("## Rewards")[0], re.MULTILINE)[-1]
+    last = re.findall(r"^ *\| (?:\d+-)?(\d+) +\|", observations.split("## Rewards")[0], re.MULTILINE)[-1]
     assert int(last) + 1 == engine.observation_size == len(engine.task.observation_names())
 
 
