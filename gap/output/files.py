@@ -22,7 +22,7 @@ from ..replay.simulator import joint_state
 from ..verdict.verdict import JointDiagnosis
 from .document import FILE, to_document, whole, write_document
 from .extension import as_taken, changes, not_native, write_extended, write_extension
-from .hand_over import hand_over
+from .hand_over import hand_over, without_doubted_encoders
 from .robot_mjcf import write_robot
 
 
@@ -66,9 +66,10 @@ def write_diagnosis(
             if diagnosis.problem is not None:
                 progress("confirming in the engine")
                 chain, free = diagnosis.problem.chain(diagnosis.values), diagnosis.problem.free_joint
-                files = write_extension(diagnosis, data.runs, staged, prefix)
+                handed = without_doubted_encoders(diagnosis)
+                files = write_extension(handed, data.runs, staged, prefix)
                 written |= {f"{owner}{key}": path for key, path in files.items()}
-                changed = changes(diagnosis)
+                changed = changes(handed)
                 document["extension"] = {
                     "files": {key: path.name for key, path in files.items()},
                     "changes": changed,

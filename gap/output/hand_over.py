@@ -13,6 +13,8 @@ from typing import Any
 from ...envs.extended import Extended
 from ..log.progress import Progress
 from ..log.types import MeasuredSet
+from ..measure.named import CERTAIN, LIKELY, NamedCause
+from ..replay.parameters import Target, address
 from ..search.structure import told_in
 from ..verdict.verdict import JointDiagnosis
 from .draws import with_draws
@@ -20,6 +22,7 @@ from .extension import Taken, as_taken, extended_of
 from .whole import confirm_whole
 
 NARROWER: tuple[Taken, ...] = ("own", "named")
+KEPT = "Encoders whose error is doubted stay as believed in the model that is handed over"
 HARM = 1.1  # times its error as believed, beyond its noise, from which a joint counts as harmed
 LEFT = {
     "own": "Numbers of bodies that were only tuned stay as the robot's file has them",
@@ -46,7 +49,11 @@ def hand_over(
         :func:`sealegs.gap.output.whole.confirm_whole` found of it, with ``taken``, the sentence ``left`` where not all
         is taken, ``harm`` where it still misses its log by more, and ``bodies`` where it changes any.
     """
+    diagnoses, kept = [without_doubted_encoders(one) for one in diagnoses], kept_of(diagnoses)
     extended, confirmed = _taken(diagnoses, recorded, progress)
+    if kept:
+        confirmed = dict(confirmed or {})
+        confirmed["left"] = " ".join(filter(None, (kept, confirmed.get("left"))))
     if extended is None:
         return None, confirmed
     progress("drawing machines as it may be")
@@ -55,6 +62,43 @@ def hand_over(
     if confirmed is None or not (said := bodies_of(extended)):
         return extended, confirmed
     return extended, confirmed | {"bodies": said}
+
+
+def doubted_encoders(diagnosis: JointDiagnosis) -> dict[str, NamedCause]:
+    """Numbers of the encoder, by path, whose cause is no more likely than not.
+
+    A log tells an encoder that reads too little from a joint that moves too little by their traces alone. Where it can
+    not, a policy that believes the encoder's error would bring the link elsewhere; one that does not loses nothing that
+    it has today.
+    """
+    if diagnosis.search is None:
+        return {}
+    doubted = {cause.name: cause for cause in diagnosis.causes if cause.standing not in (CERTAIN, LIKELY)}
+    return {
+        p.path: doubted[found.cause.name]
+        for found in diagnosis.search.accepted
+        if found.cause.error and found.cause.name in doubted
+        for p in found.variant
+        if address(p.path).target is Target.STAGE and p.path in diagnosis.values
+    }
+
+
+def without_doubted_encoders(diagnosis: JointDiagnosis) -> JointDiagnosis:
+    """The diagnosis as its model is handed over: with encoders as believed where their error is doubted."""
+    doubted = doubted_encoders(diagnosis)
+    if not doubted:
+        return diagnosis
+    return diagnosis.changed(values={path: value for path, value in diagnosis.values.items() if path not in doubted})
+
+
+def kept_of(diagnoses: Sequence[JointDiagnosis]) -> str:
+    """What is not handed over of encoders, in a sentence; empty for nothing."""
+    rows = [
+        f"{cause.name} of '{one.joint}' (confidence {cause.confidence:.0%})"
+        for one in diagnoses
+        for cause in {cause.name: cause for cause in doubted_encoders(one).values()}.values()
+    ]
+    return f"{KEPT}: {', '.join(rows)}." if rows else ""
 
 
 def bodies_of(extended: Extended) -> str:

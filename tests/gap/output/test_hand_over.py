@@ -11,14 +11,17 @@ from typing import Any
 
 import pytest
 from sealegs.envs.extended import Change, Extended
+from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure.named import NamedCause, Value
 from sealegs.gap.output import hand_over as module
 from sealegs.gap.output.hand_over import bodies_of, hand_over, harmed
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
 from tests.made_once import SHARED, made_once
+from tests.small_diagnosis import small_diagnosis
 
 
 @made_once
@@ -122,3 +125,24 @@ def test_joints_that_were_not_diagnosed_keep_the_chains_that_their_log_states(tm
     assert extended is not None and set(extended.chains) == {"shoulder", "elbow"}
     (shoulder,) = extended.chains["shoulder"]
     assert shoulder.chain.find("friction").coulomb == 0.052
+
+
+@pytest.mark.parametrize(("standing", "handed"), [("certain", True), ("likely", True), ("possible", False)])
+def test_an_encoder_whose_error_is_doubted_stays_as_believed(standing: str, handed: bool) -> None:
+    """An encoder that reads right was handed over as one that reads 10 % too little, at 29 %; the policy was worse."""
+    found, data = small_diagnosis()
+    assert found.search is not None
+    (entry,) = catalogue(found.problem.models[0], ["sensor.scale"])  # type: ignore[union-attr]
+    value = Value(0.9, 0.89, 0.91, "1", 1.0)
+    parameters = {"encoder.scale": value}
+    cause = NamedCause("sensor.scale", "", found.joint, 0.3, 0.29, parameters, 0.5, "effect", standing=standing)
+    accepted = replace(found.search.accepted[0], cause=entry, variant=entry.variants[0])
+    misread = found.changed(
+        search=replace(found.search, accepted=(*found.search.accepted, accepted)),
+        causes=(*found.causes, cause),
+        values={**found.values, "encoder.scale": 0.9},
+    )
+    model, said = hand_over([misread], data)
+    assert model is not None and any(change.path == "encoder.scale" for change in model.changes) == handed
+    assert any(change.path == "friction.load" for change in model.changes)
+    assert handed or (said is not None and "sensor.scale of 'servo' (confidence 29%)" in said["left"])
