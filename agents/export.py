@@ -41,7 +41,7 @@ from .jax_models import is_jax, twin
 from .parts import TRANSPARENT, made
 from .policy_files import Acting, describe, load_model, trained_env
 from .policy_graph import Actor, PolicyGraph
-from .run_chains import chains
+from .run_sources import chains
 from .traced import TracingError
 from .weights import FILE as WEIGHTS
 from .weights import write_weights

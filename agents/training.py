@@ -32,18 +32,16 @@ from .algorithms import build, schedule_start, wrapped
 from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
 from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from .config import Request, TrainConfig, with_overrides
+from .curves import WandbOutput, tensorboard_logger
 from .export import FILE, ExportError, write_onnx
 from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
 from .parts import callback
 from .policy_files import policy_of, policy_reward, policy_step, save_for_sb3, save_policy
-from .run_chains import chains, read_chains, write_chains
 from .run_folder import RunFolder
-from .run_sources import check_sources, write_sources
+from .run_sources import chains, check_sources, read_chains, write_chains, write_sources
 from .seeds import is_study, learn_all, write_seeds
 from .stop import StopSignals
-from .tensorboard import tensorboard_logger
 from .video import record_video
-from .wandb_output import WandbOutput
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.
 _TRAINING, _EVALUATION, _FILM = 0, 1, 2

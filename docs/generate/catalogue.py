@@ -10,7 +10,7 @@ from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import Cause, Needs
 from sealegs.gap.causes.registry import ROBOT
-from sealegs.gap.ground.leg_causes import contact_causes
+from sealegs.gap.ground.leg_ground import contact_causes
 from sealegs.gap.ground.leg_model import LegModel
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.robot.directions import TILT_PARAMETERS

@@ -18,10 +18,11 @@ from ..engine.model_ties import carried_along, free_ways
 from ..engine.numbers import RobotError
 from .model_couplings import couplings, led, unnamed
 from .model_drives import ModelDrive, both_ways, read_drives
-from .model_errors import uncompiled
-from .model_reading import read_specs
-from .model_sources import SUFFIXES
-from .model_transmissions import reductions
+from .model_errors import uncompiled, unreadable
+from .model_mass import told_guessed_masses, with_total_mass
+from .model_meshes import without_meshes_that_fail
+from .model_sources import SUFFIXES, check_files
+from .urdf_text import mended_urdf, reductions
 
 UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}
 """Units of position and of force, by kind of joint."""
@@ -335,3 +336,33 @@ def _root(model: mujoco.MjModel, joints: Sequence[str]) -> int:
 def _is_free(model: mujoco.MjModel, body: int) -> bool:
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     return any(model.jnt_type[k] == mujoco.mjtJoint.mjJNT_FREE for k in range(first, first + count))
+
+
+# --- reading, with what MuJoCo refuses and what can be mended --------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=64)
+def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, tuple[str, ...]]:
+    """The specification without actuators, the same with them, and what was mended."""
+    del changed  # a part of the key: a file that was edited is read again
+    said: list[str] = []
+    missing: list[str] = []
+    try:
+        check_files(path)
+        if path.suffix.lower() == ".urdf":
+            full = mujoco.MjSpec.from_string(mended_urdf(path, said, missing))
+            full.modelfiledir = str(path.parent)
+        else:
+            full = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, RuntimeError) as error:  # a RuntimeError where memory ends
+        raise RobotError(unreadable(path, error)) from None
+    full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
+    without_meshes_that_fail(full, path, missing, said)
+    with_total_mass(full, path, said)
+    told_guessed_masses(full, path, said)
+    bare = full.copy()
+    for kind in ("keys", "sensors", "actuators"):
+        for item in list(getattr(bare, kind)):
+            if kind != "sensors" or item.objtype == mujoco.mjtObj.mjOBJ_ACTUATOR:
+                bare.delete(item)
+    return bare, full, tuple(said)

@@ -13,7 +13,9 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError
 from ...configs.check import checked_fields
 from ..engine.numbers import RobotError
@@ -21,7 +23,6 @@ from .model_file import SUFFIXES
 from .robot_assembly import assembled
 from .robot_choice import passive_sentence
 from .robot_described import RobotFile
-from .robot_document import read_document
 from .robot_entries import YAML_SUFFIXES, FileEntry
 
 
@@ -57,3 +58,20 @@ def load_robot_file(path: str | Path) -> RobotFile:
         return file
     driven = [name for joint in file.joints for name, _ in joint.terms]
     return replace(file, said=(*file.said, *passive_sentence(file.model, driven)))
+
+
+# --- the document ----------------------------------------------------------------------------------------------------
+
+
+def read_document(path: Path) -> Any:
+    """What stands in the YAML of a robot.
+
+    Raises:
+        RobotError: it is missing, cannot be read, or has a key twice.
+    """
+    try:
+        return read_yaml(path)
+    except DocumentError as error:
+        if error.missing:
+            raise RobotError(f"there is no robot file {path}; sealegs new-robot <model> writes one.") from None
+        raise RobotError(f"{error}.") from None

@@ -6,12 +6,15 @@ floating joint on a root link of another name, and paths of meshes.
 
 from __future__ import annotations
 
+import math
 import os
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
 from ...common.documents import XML_SIZE, read_bytes, read_xml, without_comments
-from .urdf_static import without_static_inertias
 
 FOLDERS = ("meshdir", "assetdir")
 """Where the compiler element of a URDF says that meshes are, from the URDF's own folder."""
@@ -126,3 +129,120 @@ def urdf_mesh(path: Path, name: str, folder: str = "") -> Path:
         tried = [place / part for place in path.parents for part in (inner, Path(*inner.parts[1:]))]
         name = str(next((place for place in tried if os.path.isfile(place)), inner))
     return path.parent / name
+
+
+# --- transmissions, which MuJoCo does not read -----------------------------------------------------------------------
+
+
+REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
+"""Tags of ROS 1 and of ros2_control."""
+
+
+def reductions(path: Path) -> dict[str, str]:
+    """Reductions other than 1, as they stand in a URDF, by name of the joint; none of an MJCF."""
+    if path.suffix.lower() != ".urdf":
+        return {}
+    found: dict[str, str] = {}
+    for transmission in urdf_root(path).iter("transmission"):
+        joints = transmission.findall("joint")
+        inside = {id(item) for joint in joints for item in joint.iter()}
+        shared = _stated(item for item in transmission.iter() if id(item) not in inside)
+        for joint in joints:
+            if numbers := [*_stated(joint.iter()), *shared]:
+                found[joint.get("name", "")] = " and ".join(numbers)
+    return found
+
+
+def _stated(items: Iterable[ElementTree.Element]) -> list[str]:
+    texts = ((item.text or "").strip() for item in items if item.tag in REDUCTIONS)
+    return [text for text in texts if text and not _is_one(text)]
+
+
+def _is_one(text: str) -> bool:
+    try:
+        return float(text) == 1.0
+    except ValueError:
+        return False
+
+
+# --- largest speeds, which MuJoCo does not read ----------------------------------------------------------------------
+
+
+def urdf_speeds(path: Path) -> dict[str, float]:
+    """``velocity`` of the limits in a URDF, by name of the joint [rad/s or m/s]; none of an MJCF.
+
+    0 counts as none: exporters write it where nobody knew one.
+    """
+    if path.suffix.lower() != ".urdf":
+        return {}
+    found: dict[str, float] = {}
+    for joint in urdf_root(path).iter("joint"):
+        limit = joint.find("limit")
+        try:
+            speed = float("" if limit is None else limit.get("velocity", ""))
+        except ValueError:
+            continue
+        if math.isfinite(speed) and speed > 0.0:
+            found[joint.get("name", "")] = speed
+    return found
+
+
+# --- impossible inertias of links that stand still, for which MuJoCo refuses the robot -------------------------------
+
+
+SMALLEST_MOMENT = 1e-14  # [kg.m2] principal moment that MuJoCo takes for 0
+FLAT_TOLERANCE = 1e-12  # of a principal moment: a flat body, whose largest one is the sum of the others, is possible
+INERTIA_ENTRIES = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
+
+
+def without_static_inertias(root: ElementTree.Element, path: Path, said: list[str]) -> None:
+    """Leave out inertials that no body has, of links which fixed joints tie to the ground.
+
+    Args:
+        root: of the URDF; it is changed.
+        path: of the URDF.
+        said: where a sentence is added if there are such links.
+    """
+    parents: dict[str, tuple[str, bool]] = {}
+    for joint in root.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            parents[child.get("link", "")] = parent.get("link", ""), joint.get("type") == "fixed"
+    balanced = any(item.get("balanceinertia") == "true" for item in root.findall("mujoco/compiler"))
+    left = []
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is not None and _stands(link.get("name", ""), parents) and _impossible(inertial, balanced):
+            link.remove(inertial)
+            left.append(f"'{link.get('name', '')}'")
+    if left:
+        said.append(
+            f"{path.name}: no body has the inertia of {', '.join(left)}; it is left out with the mass, which changes "
+            "nothing while the base is fixed."
+        )
+
+
+def _stands(name: str, parents: dict[str, tuple[str, bool]]) -> bool:
+    """Whether no joint moves a link, from its name and that of each link's parent with whether it is fixed there."""
+    seen = set()
+    while name in parents and name not in seen:
+        seen.add(name)
+        name, fixed = parents[name]
+        if not fixed:
+            return False
+    return True
+
+
+def _impossible(inertial: ElementTree.Element, balanced: bool) -> bool:
+    """Whether MuJoCo refuses an inertia as it is written down, by whether it is asked to even principal moments out."""
+    item = inertial.find("inertia")
+    if item is None:
+        return False
+    try:
+        matrix = np.array([[float(item.get(entry, 0.0)) for entry in row] for row in INERTIA_ENTRIES])
+    except ValueError:  # reading the robot says it
+        return False
+    if not np.isfinite(matrix).all() or not matrix.any():  # of none at all, MuJoCo says nothing
+        return False
+    small, middle, large = np.linalg.eigvalsh(matrix)
+    return bool(small < SMALLEST_MOMENT or (not balanced and small + middle < (1.0 - FLAT_TOLERANCE) * large))

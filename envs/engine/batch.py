@@ -30,8 +30,7 @@ from .randomization import Randomization, Source
 from .robot import ChainSource
 from .servo_use import ServoUse
 from .sides import Sides
-from .task import ModulatedTask, Motion, Task
-from .task_shapes import check_observation, check_step
+from .task import ModulatedTask, Motion, Task, check_observation, check_step
 from .terrain import Terrain
 from .world import World, with_contacts
 

@@ -178,8 +178,7 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
     from ...agents.make_env import stream_seed
     from ...agents.policy_files import policy_of
     from ...agents.training import new_learner
-    from ...envs.any_robot.lead import ROWS, measured_lead
-    from ...envs.any_robot.track import TrackTask
+    from ...envs.any_robot.track import TRIALS, TrackTask, measured_lead
     from ...envs.contract import task_of
     from ...envs.engine.sb3 import EngineVecEnv
     from .plant import PlantEngine
@@ -205,7 +204,7 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
         task, _ = task_of(_plain(config.env))
         assert isinstance(task, TrackTask)
         straight = replace(task, lead=0.0)
-        lead = measured_lead(on_machine(straight, ROWS, 0), straight.target, task.half)  # type: ignore[arg-type]
+        lead = measured_lead(on_machine(straight, TRIALS, 0), straight.target, task.half)  # type: ignore[arg-type]
         task = replace(task, lead=lead)
         seed = stream_seed(cell.seed, 0)
         machine = EngineVecEnv(on_machine(task, config.n_envs, seed % 2**31))

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..log.finding import Finding
-from ..log.stretches import stretches
+from ..log.parts import stretches
 from ..log.types import MeasuredSet
 from .context import JointContext, joint_contexts
 

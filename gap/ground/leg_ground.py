@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -14,8 +15,9 @@ from ..log.finding import Finding
 from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
+from ..replay.parameters import Parameter, factor
+from .causes import ground_causes
 from .laid import FEWEST, Laid, too_few
-from .leg_causes import contact_causes, ground_numbers
 from .leg_model import LegModel
 from .leg_replay import JOINTS, STEP, LegReplay
 from .problem import GroundProblem, Judged, ground_problem
@@ -98,3 +100,36 @@ def _unlogged() -> Finding:
         "contact.columns", "note", "ground", "base.x",
         "base.x was not logged: friction and slope show through the links alone, and are less certain.",
     )  # fmt: skip
+
+
+# --- contact causes, and numbers of the ground that nobody knows exactly ---------------------------------------------
+
+
+HEIGHT_ZERO_TOLERANCE = 3e-3  # [m] how well the zero of the height is known
+SHORTEST_TIME_CONSTANT = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
+CONTACT_TIME_FACTOR = (
+    3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
+)
+HARD_STIFFNESS = 2e4  # [N/m] below which that contact is not made by tuning: it would do a soft ground's work unnamed
+SHOWN_IN = {"contact.friction": "base.x", "contact.stiffness": "base.z", "contact.slope": "base.x"}
+STIFFNESS_STARTS, SOFT_STIFFNESS = (1500.0, 5000.0), 4000.0  # [N/m]
+
+
+def contact_causes(nominal: LegModel, names: Sequence[str] | None = None) -> list[Cause]:
+    """The catalogue of the ground under a leg.
+
+    Args:
+        nominal: the leg on the ground that is believed in.
+        names: of the causes to consider; default: all of them.
+    """
+    return ground_causes(STIFFNESS_STARTS, nominal.softest_rigid(), SOFT_STIFFNESS, SHOWN_IN, names=names)
+
+
+def ground_numbers(nominal: LegModel) -> list[Parameter]:
+    """What every fit tunes: no finding, as long as it stays within these bounds."""
+    shortest = SHORTEST_TIME_CONSTANT / nominal.value("contact.time")
+    longest = min(max(math.sqrt(nominal.engine_stiffness() / HARD_STIFFNESS), 1.0), CONTACT_TIME_FACTOR)
+    return [
+        factor("contact.time", min(max(1.0 / CONTACT_TIME_FACTOR, shortest), 1.0), longest, 0.2),
+        Parameter("contact.height", "m", -HEIGHT_ZERO_TOLERANCE, HEIGHT_ZERO_TOLERANCE, 0.0, 5e-4),
+    ]

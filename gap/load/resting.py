@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ...envs.described.model_file import centre_of
-from ..log.stretches import stretches
+from ..log.parts import stretches
 from ..log.types import Array, MeasuredRun
 from .robot import LoggedRobot
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .stretches import stretches
 from .types import LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
@@ -238,3 +237,12 @@ def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float =
         return float(position[sample]), 0.0
     fit = np.polynomial.polynomial.polyfit(time[near] - time[sample], position[near], 2 if len(near) > 4 else 1)
     return float(fit[0]), float(fit[1])
+
+
+# --- stretches of samples in which something holds -------------------------------------------------------------------
+
+
+def stretches(holds: np.ndarray) -> list[tuple[int, int]]:
+    """First sample and end of each stretch in which all of ``holds`` (n,) is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -26,7 +26,6 @@ from .packets import (
     in_words,
 )
 from .port import BusPort
-from .round_trip import RoundTrip
 
 LATEST, OVERDUE = 1.0, 4  # [s] after which no answer comes any more; failed requests whose answers are still expected
 USELESS = 8  # packets that are no answer, behind which the timeout counts though more come
@@ -317,3 +316,43 @@ def check_ids(ids: Sequence[int]) -> None:
         raise RegisterError(f"a servo is addressed twice: {list(ids)}.")
     if min(ids) < 0 or max(ids) >= BROADCAST:
         raise RegisterError(f"{list(ids)} are not all ids of servos, which are 0 to 253.")
+
+
+# --- round trips, from which the timeout of a reply follows ----------------------------------------------------------
+
+
+MEAN_SHARE, SPREAD_SHARE = 0.125, 0.25  # of a new sample in mean and spread, as in RFC 6298
+PATIENCE_SPREADS = 4.0  # spreads beyond the mean that a reply may take
+PORT_MARGIN = 0.002  # [s] beyond that: how finely a port keeps its timeout
+MIN_ROUND_TRIPS = 8  # needed before they count
+
+
+class RoundTrip:
+    """Mean and spread of the round trips so far.
+
+    Attributes:
+        mean: [s].
+    """
+
+    def __init__(self) -> None:
+        self.mean = self._spread = 0.0
+        self._count, self._patience = 0, 1.0
+
+    def add(self, seconds: float) -> None:
+        """A transaction was answered in full."""
+        self._patience = 1.0
+        if self._count == 0:
+            self.mean, self._spread = seconds, 0.5 * seconds
+        self._spread += SPREAD_SHARE * (abs(seconds - self.mean) - self._spread)
+        self.mean += MEAN_SHARE * (seconds - self.mean)
+        self._count += 1
+
+    def nobody(self) -> None:
+        """Nobody answered in time: the adapter may have become slower, so the next timeout is twice as long."""
+        self._patience *= 2.0
+
+    def timeout(self, longest: float) -> float:
+        """How long to wait for a reply [s], at most ``longest``."""
+        if self._count < MIN_ROUND_TRIPS:
+            return longest
+        return min(self._patience * (self.mean + PATIENCE_SPREADS * self._spread + PORT_MARGIN), longest)

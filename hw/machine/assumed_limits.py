@@ -17,7 +17,7 @@ from ...envs.described.model_file import UNITS
 from ...envs.described.robot_assembly import WARNING
 from ...envs.described.robot_described import HINGES, SLIDES, FileJoint, RobotFile
 from ...envs.described.robot_within import TURN
-from ...envs.described.urdf_speeds import urdf_speeds
+from ...envs.described.urdf_text import urdf_speeds
 from ...envs.new_robot.robot_yaml import AssumedLimits
 from .following import LEAST
 from .limits import usual_reach

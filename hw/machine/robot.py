@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators import Chain, load_chain
+from ...actuators import Chain, SealegsError, load_chain
+from ...actuators.chain import LIBRARY, names
 from ...configs.check import checked
 from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ...envs.described.robot_imu import with_imu
@@ -23,7 +24,6 @@ from ..bus.imu import ImuSample
 from ..bus.registers import ServoModel, load_model
 from ..bus.servo_state import ServoState
 from .calibration_file import read_joints
-from .chain_names import told_chains
 from .joints import (
     Joint,
     Sensor,
@@ -348,3 +348,30 @@ def _plain(chain: Any) -> str | list:
     if isinstance(chain, str) and not chain.endswith((".yaml", ".yml")):
         return chain
     return load_chain(chain).to_list()
+
+
+# --- chains in a sentence --------------------------------------------------------------------------------------------
+
+
+def told_chains(chains: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """``sts3215``, or ``hip: sts3215, knee: delay+position_p`` where joints differ; stages where no name is known.
+
+    Args:
+        chains: stages by joint.
+    """
+    known = {chain_hash({"": load_chain(name)}): name for name in names()}
+    told = {joint: _told(stages, known) for joint, stages in chains.items()}
+    if len(set(told.values())) == 1:
+        return next(iter(told.values()))
+    return ", ".join(f"{joint}: {chain}" for joint, chain in told.items())
+
+
+def _told(stages: Sequence[Mapping[str, Any]], known: Mapping[str, str]) -> str:
+    joined = "+".join(next(iter(stage)) for stage in stages)
+    nets = [Path(str(stage["net"]["file"])) for stage in stages if "net" in stage]
+    if any(net.parent != LIBRARY for net in nets):  # which no known chain has, and a contract's path is not opened
+        return joined
+    try:
+        return known.get(chain_hash({"": load_chain(list(stages))}), joined)
+    except SealegsError:  # the file of its net is elsewhere
+        return joined

@@ -26,8 +26,7 @@ from ..guard.torque_watch import TorqueWatch
 from ..machine.current_sign import CurrentSign
 from ..machine.robot import Reading, ServoRobot
 from .commands import Commands
-from .log_rows import write_cycle
-from .measured_log import MeasuredLog
+from .measured_log import MeasuredLog, write_cycle
 from .outcome import Outcome, fault_of
 from .pace import Overruns, measured, slower_of
 from .way import Way

@@ -9,13 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..types import COMMANDS, SIGNAL_UNITS, TOLD, Array
-from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked, renamed
+from .claims import ONLY_JOINT, Claimed, claims_of, is_action, lists_of, placed, plain, put_lists, ranked, renamed
 from .clocks import find_clock
 from .dialects import Dialect, dialects
 from .expression import evaluate, hold, names_in, quoted
 from .goals import ACTIONS, action_line, doubted
 from .lines import ASK, LIKELY, SURE, Line, drive_line, goal_velocity_line, velocity_line
-from .lists import lists_of, put_lists
 from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said

@@ -14,8 +14,7 @@ from sealegs.actuators.chain import load_chain
 from sealegs.envs.hopper.robot import FOOT, HOPPER
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, search_ground
-from sealegs.gap.ground.leg_causes import contact_causes, ground_numbers
-from sealegs.gap.ground.leg_ground import leg_problem
+from sealegs.gap.ground.leg_ground import contact_causes, ground_numbers, leg_problem
 from sealegs.gap.ground.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
 from sealegs.gap.ground.leg_replay import LegReplay
 from sealegs.gap.ground.problem import GroundProblem
