@@ -11,7 +11,7 @@ import imageio.v2 as imageio
 import numpy as np
 from sealegs.agents.make_env import make_single_env
 from sealegs.agents.policy_files import load_policy
-from sealegs.envs.biped.task import FORWARD, PITCH, TOUCH, UP, BipedTask, sole_places
+from sealegs.envs.biped.env import FORWARD, PITCH, TOUCH, UP, BipedTask, sole_places
 from sealegs.envs.contract import task_of
 from sealegs.envs.engine.batch import BatchEngine
 

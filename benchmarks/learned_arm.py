@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from sealegs.agents.policy_files import load_policy
+from sealegs.envs.arm.env import ArmTask
 from sealegs.envs.arm.kinematics import tool
 from sealegs.envs.arm.tables import JOINTS
-from sealegs.envs.arm.task import ArmTask
 from sealegs.envs.contract import task_of
 from sealegs.envs.engine.batch import BatchEngine
 

@@ -15,8 +15,8 @@ from sealegs.actuators.gravity import GRAVITY
 from sealegs.agents.policy_files import load_policy
 from sealegs.envs.contract import task_of
 from sealegs.envs.engine.batch import BatchEngine
+from sealegs.envs.hexapod.env import HexapodTask
 from sealegs.envs.hexapod.robot import total_mass
-from sealegs.envs.hexapod.task import HexapodTask
 
 from benchmarks.learning import Bar, asked
 

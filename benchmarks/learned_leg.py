@@ -15,7 +15,7 @@ import numpy as np
 from sealegs.agents.policy_files import load_policy
 from sealegs.envs.contract import task_of
 from sealegs.envs.engine.batch import BatchEngine
-from sealegs.envs.leg.task import LegTask
+from sealegs.envs.leg.env import LegTask
 
 from benchmarks.learning import Bar
 

@@ -18,8 +18,8 @@ import numpy as np
 from gymnasium.envs.mujoco import MujocoEnv
 from gymnasium.spaces import Box
 from sealegs.actuators import load_chain
+from sealegs.envs.hopper.env import HIGH, SLOWEST, HopperTask
 from sealegs.envs.hopper.robot import HIP, HOPPER, KNEE, leg_length
-from sealegs.envs.hopper.task import HIGH, SLOWEST, HopperTask
 
 FRAME_SKIP = 20  # physics steps of 1 ms per action
 

@@ -63,7 +63,7 @@ def main(arguments: list[str]) -> None:
 def compare_policy(config: dict[str, Any]) -> None:
     """Compare a policy in its models and on the machine."""
     from ..evaluation.comparison import compare
-    from ..evaluation.files import write_comparison
+    from ..evaluation.page import write_comparison
     from ..gap.output.files import fresh_folder
 
     out = fresh_folder(Path(str(config["out"] or fresh(Path("runs"), "comparison"))))

@@ -59,7 +59,7 @@ def legs_together(side: str, rng: np.random.Generator, stiffer: float = 1.0) -> 
 
 def soles_off(hopping: Hopping, clearance: float = 0.0) -> float:
     """Share of the time after the first touchdown in which both soles are off the floor by more than that [m]."""
-    from ...envs.biped.task import soles  # its task is of learning
+    from ...envs.biped.env import soles  # its task is of learning
 
     later = hopping.hop >= 1
     heights = soles(BIPED.parameters(), hopping.hip[:, 1], hopping.pitch, hopping.link)[later]

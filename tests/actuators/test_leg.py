@@ -13,8 +13,8 @@ from sealegs.actuators.layout import P_STATE_SIZE, S_LIMIT
 from sealegs.actuators.stages import ChainError
 from sealegs.actuators.stages.meshing import fallen
 from sealegs.envs.leg import inertia, kinematics
+from sealegs.envs.leg.env import LegTask
 from sealegs.envs.leg.robot import JOINTS, LEG, chains_of
-from sealegs.envs.leg.task import LegTask
 from sealegs.envs.robots import get_robot
 from sealegs.papers.leg import dynamics
 

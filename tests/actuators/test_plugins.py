@@ -79,7 +79,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "others_broken.py").write_text("import there_is_no_such_module\n")
     (folder / "others_robot.py").write_text("from sealegs.envs.bench.robot import BENCH\n\nDOG = BENCH\n")
     (folder / "others_task.py").write_text(
-        "from sealegs.envs.bench.task import BenchTask\n\n\nclass Rest(BenchTask):\n    pass\n"
+        "from sealegs.envs.bench.env import BenchTask\n\n\nclass Rest(BenchTask):\n    pass\n"
     )
     monkeypatch.syspath_prepend(folder)
     return folder

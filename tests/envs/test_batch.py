@@ -13,7 +13,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.engine.vector import BatchVectorEnv
-from sealegs.envs.hopper.task import HopperTask
+from sealegs.envs.hopper.env import HopperTask
 
 HOPPER = "SeaLegs/Hopper-v0"
 RANDOM = {

@@ -20,9 +20,9 @@ from sealegs.commands import train
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.envs.biped.drive import DRIVES, SPRING_RATIO, position_chain, torque_chain
+from sealegs.envs.biped.env import BipedTask, sole_places, sole_speeds, soles
 from sealegs.envs.biped.kinematics import centre_of_mass, feet, place, robot_mass, segments
 from sealegs.envs.biped.robot import BIPED, TORSO, coordinate, foot
-from sealegs.envs.biped.task import BipedTask, sole_places, sole_speeds, soles
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.engine.single import SingleEnv

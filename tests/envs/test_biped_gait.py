@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from sealegs.agents.action_pipeline import task_parts
 from sealegs.common.errors import SealegsError
+from sealegs.envs.biped.env import BipedTask
 from sealegs.envs.biped.gait import HoppingGait, WalkingGait
 from sealegs.envs.biped.robot import BIPED
-from sealegs.envs.biped.task import BipedTask
 from sealegs.envs.contract import goal_scale, random_motion, robot_hash
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.task import Motion

@@ -14,7 +14,7 @@ from sealegs.envs.any_robot.reach import ReachTask
 from sealegs.envs.any_robot.walk import WalkTask
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.sb3 import BatchVecEnv
-from sealegs.envs.hexapod.task import HexapodTask
+from sealegs.envs.hexapod.env import HexapodTask
 from sealegs.envs.robots import get_robot
 
 ALL = {

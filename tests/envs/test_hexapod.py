@@ -18,13 +18,12 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.engine.single import SingleEnv
 from sealegs.envs.hexapod import modulated_gait
-from sealegs.envs.hexapod.env import HexapodEnv
+from sealegs.envs.hexapod.env import HexapodEnv, HexapodTask
 from sealegs.envs.hexapod.gait import PERIOD, Tripod
 from sealegs.envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
 from sealegs.envs.hexapod.modulated_gait import MODULATED
 from sealegs.envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
 from sealegs.envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
-from sealegs.envs.hexapod.task import HexapodTask
 from sealegs.envs.robots import get_robot
 from stable_baselines3.common.env_checker import check_env as check_sb3
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
-from sealegs.envs.bench.task import BenchTask
+from sealegs.envs.bench.env import BenchTask
 from sealegs.envs.engine.batch import BatchEngine
-from sealegs.envs.hopper.task import HopperTask
+from sealegs.envs.hopper.env import HopperTask
 
 
 def hopper(randomization: object, count: int = 6, **keywords: object) -> BatchEngine:

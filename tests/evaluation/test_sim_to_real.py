@@ -12,7 +12,7 @@ import yaml
 from sealegs.actuators import load_chain
 from sealegs.evaluation.comparison import MACHINE, Comparison, compare, find_departures, table, verdict
 from sealegs.evaluation.figures import hop_height, measure, strongest_frequency
-from sealegs.evaluation.files import columns, write_comparison
+from sealegs.evaluation.page import columns, write_comparison
 from sealegs.gap.log import read_measured
 from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run.simulated import Recording

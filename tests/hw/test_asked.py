@@ -22,7 +22,7 @@ from sealegs.envs.any_robot.track import TrackTask
 from sealegs.envs.any_robot.walk import WalkTask
 from sealegs.envs.contract import Contract
 from sealegs.envs.engine.sb3 import BatchVecEnv
-from sealegs.envs.hopper.task import HopperTask
+from sealegs.envs.hopper.env import HopperTask
 from sealegs.hw.run import asked as module
 from sealegs.hw.run.asked import AskedKeys, AskedPad, asked_for
 from sealegs.hw.run.policy import Policy

@@ -9,11 +9,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from sealegs.actuators import DrivenCoordinate, Drivetrain
 from sealegs.common.errors import SealegsError
+from sealegs.envs.arm.env import ArmTask
 from sealegs.envs.arm.kinematics import chain, jacobian, joints, tool
 from sealegs.envs.arm.parameters import without_rotors
 from sealegs.envs.arm.robot import ARM, LINKS, ROTORS
 from sealegs.envs.arm.tables import DAMPING, FINAL, FLEXIBLE, JOINTS, SIMPLE, STIFFNESS
-from sealegs.envs.arm.task import ArmTask
 from sealegs.envs.arm.trajectory import Line
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.papers.arm.axes import (
