@@ -26,6 +26,9 @@ MARKS: Mapping[Mark, str] = {
 LARGEST = 0.1
 """Relative difference above which a row agrees only if it is fitted or says that its tolerance is assumed."""
 
+MOVES = 1e-3
+"""Relative change of a row's figure that counts where a chosen number is changed; less is the noise of encoders."""
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -234,9 +237,9 @@ class Paper:
         """
         wrong = []
         for key, changed in otherwise:
-            figures = {row.name: (row.ours, row.holds) for row in changed}
+            figures = {row.name: row for row in changed}
             still = [row for row in rows if not row.timed]
-            moved = [row for row in still if figures.get(row.name) != (row.ours, row.holds)]
+            moved = [row for row in still if row.name not in figures or _moved(row, figures[row.name])]
             naming = [row for row in still if key in (row.rests or ())]
             wrong += [f"row '{row.name}' moves with '{key}', which it does not name" for row in moved
                       if row not in naming]  # fmt: skip
@@ -256,6 +259,8 @@ class Paper:
             wrong.append(f"is {row.mark}, though '{chosen_for[0]}' was chosen to reach it")
         if row.mark == "fitted" and not chosen_for:
             wrong.append("is fitted, though nothing was chosen to reach it")
+        if row.mark == "fitted" and row.holds is None:
+            wrong.append("is fitted, and does not say whether it fits")
         if row.mark == "follows from the inputs" and row.rests:
             wrong.append(f"follows from the inputs, though it rests on '{row.rests[0]}'")
         if row.holds is not None and not row.judged:
@@ -292,6 +297,12 @@ class Paper:
         lines += ["", "Not built:"]
         lines += [f"  {item.where}, {item.statement}: {item.why}" for item in self.not_built]
         return [*lines, ""]
+
+
+def _moved(row: Row, other: Row) -> bool:
+    if row.holds != other.holds or isinstance(row.ours, str) or isinstance(other.ours, str):
+        return (row.holds, row.ours) != (other.holds, other.ours)
+    return abs(other.ours - row.ours) > MOVES * abs(row.ours)
 
 
 def documents(rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -50,25 +50,24 @@ class Healing:
         return (self.left / OFF) ** (1.0 / self.pitch.shape[1])
 
 
-def settled(gait: Gait | None = None, substeps: int = 2, hops: int = SETTLING) -> HoppingExperiment:
+def settled(gait: Gait | None = None, substeps: int = 2) -> HoppingExperiment:
     """The biped at the highest point of a hop, after so many.
 
     Raises:
         SealegsError: it fell before.
     """
     experiment = HoppingExperiment(gait, joint_ticks=FINE, substeps=substeps)
-    if experiment.run(hops).fell or math.isnan(to_apex(experiment)):
-        raise SealegsError(f"the biped fell before {hops} hops; what a hop hands on needs a gait that lasts.")
+    if experiment.run(SETTLING).fell or math.isnan(to_apex(experiment)):
+        raise SealegsError(f"the biped fell before {SETTLING} hops; what a hop hands on needs a gait that lasts.")
     return experiment
 
 
-def healing(apex: HoppingExperiment, update: bool, hops: int = HOPS) -> Healing:
+def healing(apex: HoppingExperiment, update: bool) -> Healing:
     """Put the pitch off at ``apex`` and go on.
 
     Args:
         apex: as :func:`settled` leaves it.
         update: whether the lean is updated by (44); without, it stays as it is in this hop.
-        hops: to go on for.
     """
     gait = apex.gait
     if not update:
@@ -79,7 +78,7 @@ def healing(apex: HoppingExperiment, update: bool, hops: int = HOPS) -> Healing:
         experiment.start_from(apex)
         experiment.controller.gait = gait
         experiment.data.qpos[2] += off
-        return np.array([to_apex(experiment) for _ in range(hops)])
+        return np.array([to_apex(experiment) for _ in range(HOPS)])
 
     undisturbed = pitches(0.0)
     return Healing(np.stack([pitches(sign * OFF) - undisturbed for sign in (1.0, -1.0)]))

@@ -13,13 +13,14 @@ import numpy as np
 
 from ...actuators import Chain, Drivetrain, load_chain
 from ...actuators.gravity import GRAVITY
-from ...envs.biped.drive import ANGLE, DRIVES, ENCODER, PULLEYS, SHAPE, SPRING_RATIO, torque_chain
+from ...envs.biped.drive import ANGLE, DRIVES, ENCODER, PULLEYS, RATIO, SHAPE, SPRING_RATIO, torque_chain
 from ...envs.biped.parameters import SIDES
 from ...envs.biped.robot import BIPED, coordinate, foot
 from .hopping import JOINT_TICKS, NAMES, Hopping, quantised
 from .identification import Load, Record, chirp
 from .legs_together import both_segments
 
+SEED = 3
 STEP = 0.001  # [s] between samples
 SUBSTEPS = 4  # of the engine in a sample; convergence in docs/results/biped.md
 NOISE = 0.3  # of an encoder step, rms, assumed
@@ -30,9 +31,15 @@ POSTURES = np.radians(np.linspace(4.0, 20.0, 9))  # of the motor; the loaded leg
 STEADY = 3e3  # [N.s/m] with which the experimenter calms the robot's height
 TOE = {"foot_radius": 0.002}  # [m] "the wheel at the toe is removed for better accuracy", VI
 FINGERTIP = 3.0  # [N.m] at most with which the experimenter still holds a balanced robot, assumed
+CYCLES = 10  # of each frequency of a chirp with the legs off, IV-C
 SINE = (0.3, 1.0)  # [N.m, Hz] of the sine that shows an amplifier's bias, assumed
 BANDS = ((0.4, 3.0), (0.5, 3.5))  # [Hz] of leg angle and leg shape at once
 MAGNITUDES = {ANGLE: ((0.1, 1.0), (0.2, 1.5)), SHAPE: ((0.15, 1.5), (0.2, 4.0))}  # [N.m] of chirps: pulleys, legs
+
+
+def noise_of(experiment: str) -> np.random.Generator:
+    """Noise of one experiment, which no other one's length changes."""
+    return np.random.default_rng([SEED, *experiment.encode()])
 
 
 def _read(values: np.ndarray, ticks: float, rng: np.random.Generator) -> np.ndarray:
@@ -58,7 +65,7 @@ def pulleys_record(name: str, combination: int, rng: np.random.Generator, comman
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     shaft = spec.worldbody.add_body(mass=1e-6, ipos=(0, 0, 0), inertia=(1e-9,) * 3, explicitinertial=True)
     shaft.add_joint(name="motor", type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 1.0, 0.0))
-    command = chirp(MAGNITUDES[drive.kind][0], cycles=4) if command is None else command
+    command = chirp(MAGNITUDES[drive.kind][0], cycles=CYCLES) if command is None else command
     model = Drivetrain(spec, {"motor": chain}).model
     positions = _drive(model, lambda data, torque: data.ctrl.__setitem__(0, torque), command, SUBSTEPS, 0)
     return Record(STEP * np.arange(len(command)), command, _read(positions, ENCODER, rng))
@@ -105,7 +112,7 @@ def _on_stand(
     return drivetrain, data
 
 
-def _blocked(name: str, stiffer: float) -> Chain:
+def blocked(name: str, stiffer: float = 1.0) -> Chain:
     """The drive with its spring blocked, and with cables so many times as stiff."""
     chain, path = torque_chain(name).without_stage("spring"), "compliance.stiffness"
     return chain.with_value(path, stiffer * chain.value(path))
@@ -124,7 +131,7 @@ def leg_record(name: str, rng: np.random.Generator, stiffer: float = 1.0) -> Rec
     shape = HELD_SHAPE if drive.kind == ANGLE else START_SHAPE
     # at 1 ms the engine itself damps the stretching cables as much as 7 % of the legs' friction
     drivetrain, data = _on_stand(
-        lambda which: _blocked(which, stiffer), others, dict.fromkeys(SIDES, shape), substeps=SUBSTEPS
+        lambda which: blocked(which, stiffer), others, dict.fromkeys(SIDES, shape), substeps=SUBSTEPS
     )
     load = leg_load(BIPED.parameters(), drive.kind)
     weight = load.sine * np.sin(shape) + load.cosine * np.cos(shape) if drive.kind == SHAPE else 0.0
@@ -154,7 +161,7 @@ def legs_record(side: str, rng: np.random.Generator, stiffer: float = 1.0) -> tu
     angle, shape = (coordinate(side, kind) for kind in (ANGLE, SHAPE))
     others = tuple(other for other in NAMES if other not in (angle, shape))
     drivetrain, data = _on_stand(
-        lambda which: _blocked(which, stiffer), others, dict.fromkeys(SIDES, START_SHAPE), substeps=SUBSTEPS
+        lambda which: blocked(which, stiffer), others, dict.fromkeys(SIDES, START_SHAPE), substeps=SUBSTEPS
     )
     model, drives = drivetrain.model, (DRIVES[angle], DRIVES[shape])
     load = both_segments(BIPED.parameters())
@@ -197,8 +204,9 @@ def leg_load(values: Mapping[str, float], kind: str) -> Load:
     return Load(float(inertia), 0.0, float(GRAVITY * sine), float(GRAVITY * cosine))
 
 
-def spring_postures(side: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weight on the scale [N], leg shape [rad] and deflection of the pulley [rad], standing on one leg (VII-A)."""
+def spring_postures(side: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Standing on one leg (VII-A): weight on the scale [N], leg shape [rad], deflection of the pulley [rad], and
+    stretch of the cable [rad at the motor]."""
     rows = []
     name = coordinate(side, SHAPE)
     for shape in POSTURES:
@@ -217,9 +225,10 @@ def spring_postures(side: str, rng: np.random.Generator) -> tuple[np.ndarray, np
             weight += force[0]
         link = float(_read(np.array(drivetrain.position(name, data.qpos, "link")), JOINT_TICKS, rng))
         spring = float(_read(data.joint(f"{name}_spring").qpos * SPRING_RATIO, ENCODER, rng)[0])
-        rows.append((weight + rng.normal(0.0, 1.0), link, spring))
-    weight, link, spring = np.array(rows).T
-    return weight, link, spring
+        stretch = RATIO[SHAPE] * (shape - link + spring / SPRING_RATIO)
+        rows.append((weight + rng.normal(0.0, 1.0), link, spring, stretch))
+    weight, link, spring, stretch = np.array(rows).T
+    return weight, link, spring, stretch
 
 
 def cable_record(hopping: Hopping, name: str, rng: np.random.Generator) -> tuple[Record, np.ndarray]:

@@ -1,60 +1,95 @@
-"""Rows on what the paper validates: amplifier biases, both coordinates of a leg at once, the hop as a return map."""
+"""Rows on what the paper validates: amplifier biases, both coordinates of a leg at once, the hop as a return map.
+
+And on what it says of springs, phases and the torso while the biped hops.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from ...envs.biped.drive import ANGLE, DRIVES, PULLEYS, SHAPE, SPRING_RATIO, Drive
+from ...actuators import Chain
+from ...actuators.gravity import GRAVITY
+from ...envs.biped.drive import ANGLE, DRIVES, PULLEYS, SHAPE, torque_chain
 from ...envs.biped.parameters import SIDES
 from ...envs.biped.robot import BIPED, coordinate
-from ..published import Mark, Otherwise, Row, half_digit
+from ..published import Mark, Otherwise, Row
 from . import choices
-from .controller import Gait
+from .controller import PERIOD, Gait, Phase
 from .ground import land
-from .hopping import Hopping
+from .hopping import NAMES, Hopping, HoppingExperiment
 from .identification import bias_by_arx
 from .legs_together import Together, both_segments, fit_both
-from .paper import NO_UPDATE, Change, said
+from .paper import CHOSEN, NO_BIAS, NO_UPDATE, STIFFER, SUBSTEPS, TORSO, Change, Identified, said
 from .return_map import HOPS, OFF, Healing, healing, settled
-from .rig import drift_record, legs_record
+from .rig import blocked, drift_record, legs_record, noise_of
+from .tables import input_rows
 
 PLANTED: Mark = "planted and recovered"
-INPUTS: Mark = "follows from the inputs"
-STIFFER = 100.0  # times the printed stiffness of the cables, which is rigid
+IMPACT = 0.03  # [s] after a touchdown in which cables feel it
 ARX: dict[str, Any] = {"judged": "assumed: 1 %, the encoder's noise", "rests": choices.RIG}
 OPEN = ("boom_length", "foot_radius", "gains K_d", "gains K_p", "torque limits", "lean eta_Tor0", "travel delta_phi_d")
 LEANS = (math.radians(4.0),)  # of the torso, beside the one chosen: how far what hops hand on hangs on it
 
 
-def pulley_inertia(name: str, combination: int) -> float:
-    """Pulleys and cables of one motor at the motor [kg.m2]: (10) solved for it, with tables III, IV and VIII."""
-    drive = DRIVES[name]
-    return drive.lumped_inertia[combination] / drive.motor_constant - drive.inertia_factor * drive.rotor_inertia
-
-
-def legs_together(side: str, rng: np.random.Generator, stiffer: float = 1.0) -> Together:
-    """V-C on the virtual machine: both coordinates of a leg at once, with what is printed of each.
+def legs_together(side: str, identified: Mapping[str, Identified], stiffer: float = 1.0) -> Together:
+    """V-C on the virtual machine: both coordinates of a leg at once, with what the stages before found of each.
 
     Args:
         side: of the leg.
-        rng: of encoders' noise.
+        identified: by drive; friction is that of (19).
         stiffer: how many times as stiff as printed the cables are.
     """
-    drives = [DRIVES[coordinate(side, kind)] for kind in (ANGLE, SHAPE)]
+    names = [coordinate(side, kind) for kind in (ANGLE, SHAPE)]
+    drives, found = [DRIVES[name] for name in names], [identified[name] for name in names]
     return fit_both(
-        legs_record(side, rng, stiffer),
+        legs_record(side, noise_of(f"{side} legs"), stiffer),
         both_segments(BIPED.parameters()),
         [drive.ratio for drive in drives],
-        [drive.motor_constant for drive in drives],
-        [drive.inertia_factor * drive.rotor_inertia + PULLEYS[drive.kind][2] for drive in drives],
-        [drive.leg_friction for drive in drives],
-        [drive.bias for drive in drives],
+        [item.motor.constant for item in found],
+        [
+            item.motor.factor * drive.rotor_inertia + PULLEYS[drive.kind][2]
+            for item, drive in zip(found, drives, strict=True)
+        ],
+        [item.leg.friction for item in found],
+        [item.pulleys[0].bias for item in found],
     )
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What the cable of a leg shape carries at most right after a touchdown, at the motor [N.m].
+
+    Attributes:
+        springs: with the springs.
+        blocked: with springs that are blocked, from the same state.
+    """
+
+    springs: float
+    blocked: float
+
+
+def impact() -> Impact:
+    """Touch down in the same state with springs and with blocked ones."""
+    before = HoppingExperiment(substeps=SUBSTEPS)
+    before.run(3)
+    names = [coordinate(side, SHAPE) for side in SIDES]
+    columns = [NAMES.index(name) for name in names]
+    stiffness, damping = (
+        np.array([getattr(DRIVES[name], f"cable_{what}") for name in names]) for what in ("stiffness", "damping")
+    )
+
+    def most(chains: Callable[[str], Chain]) -> float:
+        experiment = HoppingExperiment(chains=chains, substeps=SUBSTEPS)
+        experiment.start_from(before)
+        stretch = experiment.run(10_000, IMPACT).stretch[:, columns]
+        return float(np.abs(stiffness * stretch + damping * np.gradient(stretch, PERIOD, axis=0)).max())
+
+    return Impact(most(torque_chain), most(blocked))
 
 
 def soles_off(hopping: Hopping, clearance: float = 0.0) -> float:
@@ -66,43 +101,69 @@ def soles_off(hopping: Hopping, clearance: float = 0.0) -> float:
     return float((heights > clearance).all(axis=1).mean()) if later.any() else 0.0
 
 
-def validate(
-    stretched: Hopping, changes: Sequence[Change], rng: np.random.Generator, say: Callable[[str], None]
-) -> tuple[list[Row], dict[str, Any]]:
-    """Rows, and what they rest on as JSON has it.
+@dataclass(frozen=True)
+class Validated:
+    """What the rows here are made of.
+
+    Attributes:
+        biases: by drive, of the ARX model [N.m].
+        together: both coordinates at once, by side.
+        stiff: biases likewise on cables that are :data:`~sealegs.papers.biped.paper.STIFFER` times as stiff.
+        heals: what becomes of a hop that is off, with the update and without, by what is assumed otherwise.
+        impact: of a touchdown.
+    """
+
+    biases: Mapping[str, float]
+    together: Mapping[str, Together]
+    stiff: Mapping[str, tuple[float, float]]
+    heals: Mapping[str, tuple[Healing, Healing]]
+    impact: Impact
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "bias_by_arx": self.biases,
+            "legs_together": {side: asdict(found) for side, found in self.together.items()},
+            "healing": {
+                label: {"with update": found[0].pitch.tolist(), "without": found[1].pitch.tolist()}
+                for label, found in self.heals.items()
+                if not any(item.fell for item in found)
+            },
+        }
+
+
+def validate(identified: Mapping[str, Identified], say: Callable[[str], None]) -> Validated:
+    """Run the experiments, with what was identified of each drive."""
+    say("amplifier biases, and both coordinates of each leg at once")
+    biases = {name: bias_by_arx(drift_record(name, noise_of(f"{name} drift"))) for name in DRIVES}
+    together = {side: legs_together(side, identified) for side in SIDES}
+    stiff = {side: legs_together(side, identified, STIFFER).bias for side in SIDES}
+    say("what becomes of a hop that is off")
+    leans = {f"lean {math.degrees(lean):.0f} deg": both_ways(Gait(torso=lean)) for lean in LEANS}
+    return Validated(biases, together, stiff, {CHOSEN: both_ways(None), **leans}, impact())
+
+
+def rows(found: Validated, stretched: Hopping, changes: Sequence[Change]) -> list[Row]:
+    """All rows of this module.
 
     Args:
+        found: by :func:`validate`.
         stretched: recording of the hops.
         changes: what other values of assumed numbers do.
-        rng: of encoders' noise.
-        say: prints a line.
     """
-    say("amplifier biases, and both coordinates of each leg at once")
-    biases = {name: bias_by_arx(drift_record(name, rng)) for name in DRIVES}
-    together = {side: legs_together(side, rng) for side in SIDES}
-    say("what becomes of a hop that is off")
-    heals = both_ways(None)
-    others = {f"lean {math.degrees(lean):.0f} deg": both_ways(Gait(torso=lean)) for lean in LEANS}
-    rows = [
-        *_inputs(),
-        *_biases(biases),
-        *leg_rows(together, {side: legs_together(side, rng, STIFFER).bias for side in SIDES}),
-        *heal_rows(heals, others, "; ".join(said(item.figures) for item in changes if item.name == NO_UPDATE)),
+    others = {label: pair for label, pair in found.heals.items() if label != CHOSEN}
+    falls = "; ".join(said(item.figures) for item in changes if item.name == NO_UPDATE)
+    return [
+        *input_rows(),
+        *_biases(found.biases),
+        *leg_rows(found.together, found.stiff),
+        *heal_rows(found.heals[CHOSEN], others, falls),
         _ground(),
         *_way(stretched, changes),
         _flight(stretched),
+        *spring_rows(stretched, found.impact),
+        *carried_rows(changes),
     ]
-    document = {
-        "bias_by_arx": biases,
-        "legs_together": {side: asdict(found) for side, found in together.items()},
-        "healing": {
-            label: {"with update": found[0].pitch.tolist(), "without": found[1].pitch.tolist()}
-            for label, found in {"as chosen": heals, **others}.items()
-            if not any(item.fell for item in found)
-        },
-        "soles_off": soles_off(stretched),
-    }
-    return rows, document
 
 
 def both_ways(gait: Gait | None) -> tuple[Healing, Healing]:
@@ -111,90 +172,11 @@ def both_ways(gait: Gait | None) -> tuple[Healing, Healing]:
     return healing(apex, True), healing(apex, False)
 
 
-def _inputs() -> list[Row]:
-    """Arithmetic of tables III, IV, V, VII and VIII."""
-    worst = min(DRIVES, key=lambda name: pulley_inertia(name, 0))
-    least = pulley_inertia(worst, 0)
-    sides = ", ".join(f"{1e4 * pulley_inertia(coordinate(side, SHAPE), 0):.2f}" for side in SIDES)
-    values = BIPED.parameters()
-    mass = values["torso_mass"] + 2.0 * sum(values[f"{link}_mass"] for link in LINKS)
-    grows = [friction_with_leg(drive, drive.motor_constant) for drive in DRIVES.values()]
-    as_it_stands = [friction_with_leg(DRIVES[name], constant) for name, constant in TABLE_IV.items()]
-    left, right = (DRIVES[coordinate(side, ANGLE)].motor_constant for side in SIDES)
-    alpha = {kind: [DRIVES[coordinate(side, kind)].inertia_factor for side in SIDES] for kind in (ANGLE, SHAPE)}
-    apart = max(abs(pair[1] / pair[0] - 1.0) for pair in alpha.values())
-    biases = {name: abs(drive.bias) / WALKING[drive.kind] for name, drive in DRIVES.items()}
-    largest = max(biases, key=lambda name: biases[name])
-    springs = [DRIVES[coordinate(side, SHAPE)].spring_stiffness for side in SIDES]
+def _biases(found: Mapping[str, float]) -> list[Row]:
     return [
         Row(
-            "mass without the boom", "I", 60.0, mass, INPUTS, "kg", half_digit(60.0, 0), judged="half a digit",
-            rests=(), note="the sum of table VII",
-        ),
-        Row(
-            "inertia of every combination of pulleys by (10)", "tables III, IV, VIII", "positive",
-            f"{worst.replace('_', ' ')}, i = 1: {1e4 * least:.3f}e-4 kg.m2", INPUTS, agrees=least > 0.0,
-            judged="positive or not", rests=(),
-            note=f"leg shape, i = 1, left and right: {sides}e-4 kg.m2, of equal pulleys; the model takes the mean, "
-            "which hides that the right one is below zero",
-        ),
-        Row(
-            "rotor inertia factors alpha, left and right", "IV-C, table IV", "very close",
-            ", ".join(f"{kind.replace('_', ' ')} {pair[0]} and {pair[1]}" for kind, pair in alpha.items()), INPUTS,
-            agrees=apart < 0.05, judged="assumed: a twentieth", rests=(), note=f"at most {apart:.1%} apart",
-        ),
-        Row(
-            "biases beside torques of walking, 2 and 8 N.m", "IV-C, table IV", "very small",
-            f"{largest.replace('_', ' ')}: {biases[largest]:.1%}", INPUTS, agrees=biases[largest] < 0.05,
-            judged="assumed: a twentieth", rests=(), note="the largest of four",
-        ),
-        Row(
-            "factor of (23), half of the ratio in (6)", "(23)", 2.590617, 0.5 * SPRING_RATIO, INPUTS, "",
-            half_digit(SPRING_RATIO, 2), judged="half a digit of the ratio", rests=(),
-        ),
-        Row(
-            "the springs' constants, right over left", "VII-A, Fig. 19", "consistent", f"{springs[1] / springs[0]:.3f}",
-            INPUTS, agrees=abs(springs[1] / springs[0] - 1.0) < 0.05, judged="assumed: a twentieth", rests=(),
-            note="the torques at no deflection are not consistent: 2.214 and 5.377 N.m",
-        ),
-        Row(
-            choices.ALIKE, "IV-C, table IV", 1.0, right / left, "fitted", "", 0.1, judged="assumed: nearly is a tenth",
-            rests=("order_of_table_IV",),
-        ),
-        Row(
-            "friction with the legs on over that without, the least of four", "V-C, table V", "larger",
-            f"{min(grows):.3f}", "predicted", agrees=min(grows) > 1.0, judged="larger or not",
-            rests=("order_of_table_IV",),
-            rival=Otherwise(
-                "motor constants in the order of table IV", f"{min(as_it_stands):.3f}", min(as_it_stands) > 1.0
-            ),
-        ),
-        Row(
-            "friction with the legs on over that without, the most of four", "V-C, table V", "not greatly different",
-            f"{max(grows):.3f}", "predicted", agrees=max(grows) < 1.5, judged="assumed: by less than half",
-            rests=("order_of_table_IV",),
-            sensitivity=(Otherwise("motor constants in the order of table IV", f"{max(as_it_stands):.3f}"),),
-        ),
-    ]  # fmt: skip
-
-
-WALKING = {ANGLE: 2.0, SHAPE: 8.0}
-"""Torques of walking that IV-C compares biases with [N.m]."""
-LINKS = ("spring_carrier", "shin_carrier", "thigh", "shin")
-TABLE_IV = {"left_leg_angle": 1.332, "right_leg_shape": 1.087}
-"""Motor constants that are exchanged here, as table IV has them."""
-
-
-def friction_with_leg(drive: Drive, constant: float) -> float:
-    """Friction of table V over that of all pulleys in table III, brought to the motor by a motor constant."""
-    return drive.leg_friction / (drive.lumped_friction[2] / constant)
-
-
-def _biases(found: dict[str, float]) -> list[Row]:
-    return [
-        Row(
-            f"{name.replace('_', ' ')}: b by ARX (31) to (33)", "table IV", 1e3 * DRIVES[name].bias, 1e3 * value,
-            PLANTED, "1e-3 N.m", 0.01, **ARX,
+            f"{name.replace('_', ' ')}: b by ARX (31) to (33)", "table IV, Fig. 24", 1e3 * DRIVES[name].bias,
+            1e3 * value, PLANTED, "1e-3 N.m", 0.01, **ARX,
         )
         for name, value in found.items()
     ]  # fmt: skip
@@ -332,3 +314,74 @@ def _flight(stretched: Hopping) -> Row:
         judged="more than none", rests=choices.HOPPING,
         note="the controller's phases of flight and retraction last longer: flight ends when both feet have touched",
     )  # fmt: skip
+
+
+def spring_rows(stretched: Hopping, impact: Impact) -> list[Row]:
+    """What springs do while the biped hops, and which foot leaves the floor first."""
+    least, most = (np.degrees(getattr(stretched.spring, kind)()) for kind in ("min", "max"))
+    stiffness = np.array([DRIVES[coordinate(side, SHAPE)].spring_stiffness for side in SIDES])
+    energy = 0.5 * (stretched.spring**2 @ stiffness)
+    hops = [stretched.hop == hop for hop in range(1, max(stretched.hops, 2))]
+    stored = float(np.mean([energy[hop].max() for hop in hops]))
+    mass = float(HoppingExperiment().model.body_subtreemass[0])
+    falls = mass * GRAVITY * float(np.mean([np.ptp(stretched.hip[hop, 1]) for hop in hops]))
+    phase = stretched.phase.astype(int)
+    after = phase[1:][(phase[:-1] == Phase.KICK_OFF) & (phase[1:] != Phase.KICK_OFF)]
+    counts = [int((after == follows).sum()) for follows in (Phase.LEFT_OFF, Phase.RIGHT_OFF, Phase.RETRACT)]
+    return [
+        Row(
+            "springs give in one way only", "II-B, VIII-A", "stated", f"from {least:.1f} to {most:.1f} deg",
+            "predicted", agrees=-least < 0.1 * most, judged="assumed: the other way under a tenth",
+            rests=choices.HOPPING, note="the engine's stop gives; it has no damper of (30)",
+        ),
+        Row(
+            "springs store energy in the compression", "I, IX", "stated",
+            f"{stored:.0f} J of {falls:.0f} J that the hip's way up is worth", "predicted", agrees=stored > 0.1 * falls,
+            judged="assumed: over a tenth", rests=choices.HOPPING,
+        ),
+        Row(
+            "springs isolate the rotors of the leg shapes from the impact", "I, IX", "stated",
+            f"{impact.springs:.1f} N.m in the cables within {1e3 * IMPACT:.0f} ms of a touchdown", "predicted",
+            agrees=impact.springs < impact.blocked, judged="less than with blocked springs, or not",
+            rests=choices.HOPPING, sensitivity=(Otherwise("springs blocked", f"{impact.blocked:.1f} N.m"),),
+        ),
+        Row(
+            "from phase III each of three phases can follow", "VIII-B, Fig. 20", "stated",
+            "first off the floor: left {}, right {}, both {} times".format(*counts), "predicted",
+            agrees=min(counts) > 0, judged="all three occur, or not", rests=choices.HOPPING,
+        ),
+    ]  # fmt: skip
+
+
+def carried_rows(changes: Sequence[Change]) -> list[Row]:
+    """What biases and the torso's mass do to hopping; no rows where that was not tried."""
+    tried = {name: [item for item in changes if item.name == name] for name in (CHOSEN, NO_BIAS, TORSO)}
+    if not all(tried.values()):
+        return []
+    chosen = tried[CHOSEN][0].figures
+
+    def moved(change: Change) -> float:
+        """Relative change of the period; inf where it ends."""
+        found = change.figures
+        return math.inf if found.fell or math.isnan(found.period) else abs(found.period / chosen.period - 1.0)
+
+    def told(change: Change) -> str:
+        found = change.figures
+        return (
+            said(found) if math.isinf(moved(change)) else f"a period of {found.period:.3f} s for {chosen.period:.3f} s"
+        )
+
+    (bias,), torso = tried[NO_BIAS], tried[TORSO]
+    rests = (*choices.HOPPING, "settled")
+    return [
+        Row(
+            "small torque biases are negligible while the legs carry the torso", "V-A, note 4", "stated",
+            f"without them {told(bias)}", "predicted", agrees=moved(bias) < 0.1, judged="assumed: under a tenth",
+            rests=rests,
+        ),
+        Row(
+            "the torso's mass strongly affects the dynamics", "VI", "stated",
+            "; ".join(f"{item.value}: {told(item)}" for item in torso), "predicted",
+            agrees=min(map(moved, torso)) > 0.1, judged="assumed: by more than it changes, a tenth", rests=rests,
+        ),
+    ]  # fmt: skip

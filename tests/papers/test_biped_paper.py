@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
 from sealegs.envs.biped.robot import BIPED
-from sealegs.papers.biped import balance, choices, paper, paper_plots, report, tune_on_rigid, validation
+from sealegs.papers.biped import balance, choices, paper, paper_plots, report, tables, tune_on_rigid, validation
 from sealegs.papers.biped.cable_fit import Cable, fit_cable
 from sealegs.papers.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.papers.biped.ground import land
@@ -183,7 +184,7 @@ def test_logs_that_a_stage_cannot_use_are_refused_in_one_sentence() -> None:
 @pytest.mark.long
 def test_the_virtual_machine_is_recovered_from_its_own_logs(hopping: Hopping) -> None:
     name = "left_leg_shape"
-    drive, found = DRIVES[name], paper.identify(name, hopping, np.random.default_rng(5))
+    drive, found = DRIVES[name], paper.identify(name, hopping)
     assert found.motor.constant == pytest.approx(drive.motor_constant, rel=0.05)
     assert found.motor.factor == pytest.approx(drive.inertia_factor, rel=0.05)
     assert found.leg.friction == pytest.approx(drive.leg_friction, rel=0.1)
@@ -215,7 +216,7 @@ def hopping() -> Hopping:
 
 
 def test_a_pulley_of_table_three_is_below_zero_on_one_side_and_its_mean_hides_it() -> None:
-    sides = [validation.pulley_inertia(f"{side}_leg_shape", 0) for side in ("left", "right")]
+    sides = [tables.pulley_inertia(f"{side}_leg_shape", 0) for side in ("left", "right")]
     assert sides[0] > 0.0 > sides[1] and np.mean(sides) == pytest.approx(PULLEYS[SHAPE][0]) and PULLEYS[SHAPE][0] > 0.0
 
 
@@ -243,11 +244,37 @@ def test_rows_of_both_coordinates_at_once_judge_bias_and_motion() -> None:
 
 @pytest.mark.long
 def test_biases_are_recovered_where_both_coordinates_of_a_leg_move_at_once() -> None:
-    found = validation.legs_together("left", np.random.default_rng(3))
+    identified = {name: canned(name) for name in DRIVES}
+    found = validation.legs_together("left", identified)
     printed = [DRIVES[f"left_leg_{kind}"].leg_bias for kind in ("angle", "shape")]
     assert found.bias == pytest.approx(printed, abs=5e-3)
     assert found.residual[0] < 0.1 * found.spread[0] and found.residual[1] < 0.1 * found.spread[1]
     assert found.unadjusted[1] > found.unadjusted[0], "small errors of the bias show above all in the shape"
+
+
+@pytest.mark.long
+def test_friction_that_was_found_wrong_shows_where_both_coordinates_move() -> None:
+    names = [f"left_leg_{kind}" for kind in ("angle", "shape")]
+    right = {name: canned(name) for name in names}
+    wrong = {
+        name: replace(item, leg=replace(item.leg, friction=3.0 * item.leg.friction)) for name, item in right.items()
+    }
+    one, other = (validation.legs_together("left", identified).residual for identified in (right, wrong))
+    assert min(b / a for a, b in zip(one, other, strict=True)) > 1.5
+
+
+@pytest.mark.long
+def test_springs_keep_a_touchdown_from_the_rotors() -> None:
+    impact = validation.impact()
+    assert 0.0 < impact.springs < impact.blocked
+
+
+@pytest.mark.long
+def test_which_foot_leaves_the_floor_first_is_counted() -> None:
+    first = HoppingExperiment().run(3, 10.0)
+    rows = {row.name: row for row in validation.spring_rows(first, validation.Impact(1.0, 2.0))}
+    told = str(rows["from phase III each of three phases can follow"].ours)
+    assert sum(int(word) for word in re.findall(r"[0-9]+", told)) >= 2
 
 
 @pytest.mark.long
@@ -380,18 +407,20 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
 ) -> None:
     rigid = hopping.rows((hopping.hop == 31) & (hopping.time < hopping.time[hopping.hop == 31][0] + 0.3))
     figures = paper.measure(hopping)
-    spring = paper.SpringTest(np.array([10.0, 40.0]), np.array([0.1, 0.36]), Spring(115.0, 0.0))
-    monkeypatch.setattr(paper, "hop", lambda: (hopping, rigid))
+    spring = paper.SpringTest(np.array([10.0, 40.0]), np.array([0.1, 0.36]), Spring(115.0, 0.0), np.array([0.2, 0.5]))
+    monkeypatch.setattr(paper, "hop", lambda hops: (hopping, rigid))
     monkeypatch.setattr(paper, "identify", canned)
-    monkeypatch.setattr(paper, "spring_test", lambda side, rng: spring)
+    monkeypatch.setattr(paper, "spring_test", lambda side: spring)
     tuned = [paper.Change(paper.ON_RIGID, cables, figures) for cables in (paper.TUNED, paper.RIGID, paper.STRETCHING)]
     changes = [paper.Change("boom_length", "2.6 m", figures), *tuned]
     monkeypatch.setattr(paper, "sensitivity", lambda seconds, say: changes)
     others = [
-        Row(name, "", "stated", "", "fitted", rests=(*choices.HOPPING,))
+        Row(name, "", "stated", "", "fitted", agrees=True, judged="canned", rests=(*choices.HOPPING,))
         for name in (choices.LANDING, choices.HEALS, choices.SOLES, choices.ALIKE)
     ]
-    monkeypatch.setattr(validation, "validate", lambda *given: (others, {}))
+    nothing = validation.Validated({}, {}, {}, {}, validation.Impact(1.0, 2.0))
+    monkeypatch.setattr(validation, "validate", lambda *given: nothing)
+    monkeypatch.setattr(validation, "rows", lambda *given: others)
     monkeypatch.setattr(report, "step_cells", lambda substeps: (str(substeps),) * 5)
     lines: list[str] = []
     out = tmp_path / "comparison"
@@ -402,7 +431,7 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     written = json.loads((out / "biped.json").read_text())
     assert written["hopping"]["hops"] >= 92
     unjudged = [row["name"] for row in written["rows"] if row["holds"] is None]
-    assert unjudged == [row.name for row in others], "every printed number is judged"
+    assert unjudged == [], "every printed number is judged"
     rows = {row["name"]: row for row in written["rows"]}
     assert not rows["left leg angle: K_C [N.m/rad]"]["holds"], "ten percent more than planted"
     assert not rows["on cables that stretch they do not hop steadily"]["holds"], "they hop as on rigid ones"
@@ -410,6 +439,19 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
         assert (out / f"{picture}.png").stat().st_size > 10_000
     with pytest.raises(SealegsError, match="holds a comparison already"):
         report.compare(out, 30.0, lines.append)
+
+
+def test_biases_are_negligible_and_the_torso_is_not_only_where_the_period_says_so() -> None:
+    def ran(name: str, value: str, period: float, fell: bool = False) -> paper.Change:
+        return paper.Change(name, value, paper.Figures(40, fell, period, 0.01, 0.3, -0.1))
+
+    chosen = ran(paper.CHOSEN, "", 0.8)
+    torso = [ran(paper.TORSO, "0.9 times", 0.7), ran(paper.TORSO, "1.1 times", math.nan, fell=True)]
+    rows = validation.carried_rows([chosen, ran(paper.NO_BIAS, "0", 0.81), *torso])
+    assert [row.holds for row in rows] == [True, True] and "40 hops, then a fall" in str(rows[1].ours)
+    rows = validation.carried_rows([chosen, ran(paper.NO_BIAS, "0", 0.95), ran(paper.TORSO, "0.9 times", 0.79)])
+    assert [row.holds for row in rows] == [False, False]
+    assert not validation.carried_rows([chosen])
 
 
 def test_controllers_tuned_on_rigid_cables_are_drawn_by_the_search() -> None:
@@ -429,8 +471,8 @@ def test_only_runs_that_end_count_as_hops_before_the_end() -> None:
 
 
 def test_friction_with_the_legs_on_tells_the_order_of_the_motor_constants() -> None:
-    taken = [validation.friction_with_leg(drive, drive.motor_constant) for drive in DRIVES.values()]
-    printed = [validation.friction_with_leg(DRIVES[name], value) for name, value in validation.TABLE_IV.items()]
+    taken = [tables.friction_with_leg(drive, drive.motor_constant) for drive in DRIVES.values()]
+    printed = [tables.friction_with_leg(DRIVES[name], value) for name, value in tables.TABLE_IV.items()]
     assert min(taken) > 1.0 > min(printed)
 
 

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
+from sealegs.actuators.brake_bench import BenchTable
 from sealegs.common.errors import SealegsError
 from sealegs.envs.hopper.controller import BangBang, spring_stiffness
+from sealegs.papers.hopper import rows, servo_rows
 from sealegs.papers.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
 
 from tests.typed import Done, typed
@@ -85,6 +87,19 @@ def test_four_legs_in_one_model_hop_as_one_does(hops: dict[str, Hops]) -> None:
     assert four.model.nu == 8
     recording = four.hop(1.0)
     assert recording.height == pytest.approx(hops["with actuator"].height[:1000], abs=1e-3)
+
+
+def test_rows_compare_recordings_of_the_period(hops: dict[str, Hops]) -> None:
+    real, ideal = hops.values()
+    assert rows.apart(real, real) == 0.0 < rows.apart(real, ideal)
+    assert rows.peaks_in_flight(ideal) == 0.0 < rows.peaks_in_flight(real), "its motor steps, and does not swing"
+    assert rows.at_its_limit(real, servo_rows.servo()) > rows.at_its_limit(real, servo_rows.servo(gain=1.0)) == 0.0
+
+
+def test_a_polynomial_fits_a_bench_of_its_own_degree() -> None:
+    duty, speed = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.9, 0.9, 9), np.linspace(-8.0, 8.0, 30)))
+    table = BenchTable(duty, speed, 1.8 * duty - 0.16 * speed + 1e-3 * speed**3, np.full(270, 40.0), duty != 0.0)
+    assert servo_rows.missed(table, table, 3) < 1e-9 < 0.01 < servo_rows.missed(table, table, 1)
 
 
 def test_a_leg_that_stands_has_no_figures() -> None:

@@ -89,6 +89,7 @@ def test_a_mark_that_there_is_not_is_refused() -> None:
         (replace(ROWS[2], mark="predicted"), "is predicted, though 'breakaway' was chosen to reach it"),
         (replace(ROWS[2], rests=()), "does not name 'breakaway', which was chosen to reach it"),
         (replace(ROWS[1], mark="fitted"), "is fitted, though nothing was chosen to reach it"),
+        (replace(ROWS[2], agrees=None), "is fitted, and does not say whether it fits"),
         (replace(ROWS[1], rests=("flor",)), "rests on 'flor', which is not in the list"),
         (replace(ROWS[1], rests=None), "does not say which chosen numbers it rests on"),
         (replace(ROWS[1], judged=""), "does not say where its tolerance comes from"),
@@ -117,6 +118,8 @@ def test_a_row_that_moves_with_a_number_it_does_not_name_is_refused() -> None:
     arithmetic = [replace(ROWS[0], ours=99.0), *ROWS[1:]]
     with pytest.raises(SealegsError, match="row 'stiffness' moves with 'floor'"):
         PAPER.check_rests(ROWS, [("floor", arithmetic)])
+    noise = [replace(row, ours=row.ours * (1.0 + 1e-5)) if isinstance(row.ours, float) else row for row in moved]
+    PAPER.check_rests(ROWS, [("floor", noise)])
 
 
 def test_a_row_that_comes_to_agree_or_is_gone_has_moved_and_one_that_measures_the_computer_has_not() -> None:

@@ -10,7 +10,7 @@ from sealegs.actuators import load_chain, regression_fit
 from sealegs.actuators.brake_bench import Noise
 from sealegs.envs.hopper.controller import BangBang
 from sealegs.envs.hopper.parameters import NUMBERS
-from sealegs.papers.hopper import choices, paper
+from sealegs.papers.hopper import choices, paper, servo_rows
 from sealegs.papers.hopper import rows as hopper
 from sealegs.papers.published import Row
 
@@ -47,9 +47,9 @@ OTHERWISE: Mapping[str, Change] = {
     "other_signals": attribute(choices, "SIGNALS", choices.SIGNALS[:1]),
     "settling": attribute(paper, "SETTLING", 1.5),
     "leg_distance": attribute(paper, "LEG_DISTANCE", 0.2),
-    "bench_motor": attribute(hopper, "MOTOR", load_chain("sv1270tg_motor").with_value("dc_motor.resistance", 1.7)),
-    "bench_noise": attribute(hopper, "Noise", partial(Noise, torque=0.02, speed=0.05)),
-    "spurious": attribute(hopper, "Noise", with_spurious),
-    "constant_on_the_bench": attribute(hopper, "constant_as_friction", lambda chain: chain),
+    "bench_motor": attribute(servo_rows, "MOTOR", load_chain("sv1270tg_motor").with_value("dc_motor.resistance", 1.7)),
+    "bench_noise": attribute(servo_rows, "Noise", partial(Noise, torque=0.02, speed=0.05)),
+    "spurious": attribute(servo_rows, "Noise", with_spurious),
+    "constant_on_the_bench": attribute(servo_rows, "constant_as_friction", lambda chain: chain),
     "parts_of_the_bench": attribute(regression_fit, "HIGH", 0.5),
 }
