@@ -224,7 +224,9 @@ def run(seconds: float, say: Callable[[str], None]) -> Found:
     say("changing what was assumed")
     changes = paper.sensitivity(seconds, say)
     validated = validation.validate(identified, say)
-    return Found(stretched, rigid, identified, springs, on_foot, hanging, changes, validated)
+    return Found(
+        stretched, rigid, identified, springs, on_foot=on_foot, hanging=hanging, changes=changes, validated=validated
+    )
 
 
 def rows(run: Found) -> list[Row]:

@@ -185,10 +185,10 @@ def hopping_rows(found: Found) -> list[Row]:
     for name, hops in found.cases.items():
         rows += figure_rows(name, name, hops, "fitted", CHOSEN)
     rows += figure_rows(f"{IDEAL}, lengths from it", IDEAL, found.blind[IDEAL], "fitted", BLIND)
-    with_55 = {"K_P = 75, as in the simulation": found.blind[REAL]}
+    with_75 = {"K_P = 75, as in the simulation": found.blind[REAL]}
     rows += figure_rows(
-        "of the hardware", "hardware", found.hardware, "predicted", BLIND, {**found.others, **with_55},
-        found.blind[IDEAL], f"with the hardware's K_P = {HARDWARE_GAIN:g}; the wear of its gears is not printed",
+        "of the hardware", "hardware", found.hardware, "predicted", BLIND, others={**found.others, **with_75},
+        rival=found.blind[IDEAL], note=f"with the hardware's K_P = {HARDWARE_GAIN:g}; the wear of its gears is not printed",
     )  # fmt: skip
     rows += figure_rows(
         f"{REAL}, lengths from the leg without", REAL, found.blind[REAL], "predicted", BLIND,
@@ -288,7 +288,8 @@ def use_rows(found: Found) -> list[Row]:
         row(
             "peaks of the hip motor's speed in flight, a hop", "IV-E, V-A", "absent",
             lambda hops: f"{peaks_in_flight(hops):.1f}", peaks_in_flight(real) < 1.5,
-            "assumed: none but the one of the goal", "the motor swings about its goal; a play adds none to that", plays,
+            "assumed: none but the one of the goal", note="the motor swings about its goal; a play adds none to that",
+            changed=plays,
         ),
         row(
             "torques of the use case, at most", "III-C", USED, lambda hops: measure(hops).torque,
