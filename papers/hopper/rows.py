@@ -188,7 +188,8 @@ def hopping_rows(found: Found) -> list[Row]:
     with_75 = {"K_P = 75, as in the simulation": found.blind[REAL]}
     rows += figure_rows(
         "of the hardware", "hardware", found.hardware, "predicted", BLIND, others={**found.others, **with_75},
-        rival=found.blind[IDEAL], note=f"with the hardware's K_P = {HARDWARE_GAIN:g}; the wear of its gears is not printed",
+        rival=found.blind[IDEAL],
+        note=f"with the hardware's K_P = {HARDWARE_GAIN:g}; the wear of its gears is not printed",
     )  # fmt: skip
     rows += figure_rows(
         f"{REAL}, lengths from the leg without", REAL, found.blind[REAL], "predicted", BLIND,
