@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus.registers import load_model
+from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual import protocol
+from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.protocol import Request
 from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
+from sealegs.hw.virtual.simulated_port import SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
 STS = load_model("sts3215")
@@ -72,3 +75,25 @@ def served(
         finally:
             server.stop()
             thread.join(5.0)
+
+
+XL330 = load_model("xl330_m288")
+SET_UP = {"baud_rate": XL330.baud_rates.index(RATE), "return_delay_time": 0}
+
+
+def dynamixels(
+    robot: str = "bench",
+    faults: Sequence[Mapping[str, Any]] = (),
+    model: str = "xl330_m288",
+    chain: str = "xl330",
+) -> Wire:
+    """Dynamixels at 1 Mbit/s that answer at once, one on each joint."""
+    machine = Machine(get_robot(robot), chain)
+    table = load_model(model)
+    rig = Rig(machine, table, mounts(machine.encoders, None, table), registers={"": SET_UP})
+    return Wire(rig, [fault_from(row) for row in faults])
+
+
+def bus_on(wire: Wire, model: str = "xl330_m288", **keys: Any) -> ServoBus:
+    """A bus of the project on that wire."""
+    return ServoBus("simulated", model=model, opened=SimulatedPort(wire), **keys)

@@ -1,19 +1,31 @@
-"""Help for tests of runs on servos: configs, a policy that needs no training, and a run in a process of its own."""
+"""Help for tests of runs on servos: configs, policies that need no training, and a run in a process of its own."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
 import torch
-from sealegs.agents.export import write_onnx
+from sealegs.agents.export import export_policy, write_onnx
 from sealegs.agents.policy_files import describe
 from sealegs.configs.compose import compose, split
 from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.hw.run.policy import Policy
 from stable_baselines3 import PPO
+
+POLICIES = Path(__file__).resolve().parents[1] / "policies"
+
+
+@cache
+def committed(kind: str, seed: int = 0) -> Policy:
+    """The policy in ``policies/<kind>/seed<seed>``."""
+    return Policy(export_policy(POLICIES / kind / f"seed{seed}", Path(mkdtemp()) / "policy.onnx"))
+
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PATIENT = ["robot.safety.late=1.0", "robot.safety.silent=1.0", "silence=3.0", "hw.timeout=0.5", "live=false"]

@@ -7,6 +7,13 @@ import io
 from dataclasses import dataclass
 
 from sealegs.commands import cli
+from sealegs.commands import diagnose as script
+from sealegs.configs.script import run
+
+
+def diagnose_command(*arguments: str) -> int:
+    """Exit status of the command."""
+    return run(script.main, "diagnose", script.__doc__ or "", list(arguments))
 
 
 @dataclass(frozen=True)

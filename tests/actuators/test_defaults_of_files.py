@@ -1,4 +1,6 @@
-"""What a user's file gives its own joints and actuators stays out of the parts that chains add to its model."""
+"""Whose numbers count: those of a user's model, of the chain that is added to it, or of its YAML."""
+
+from __future__ import annotations
 
 from pathlib import Path
 
@@ -6,10 +8,17 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators import Drivetrain
+from sealegs.actuators.chain import load_chain
+from sealegs.actuators.engine import install
 from sealegs.actuators.mounting import DrivenCoordinate
 from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
+from sealegs.envs.engine.numbers import RobotError
+from sealegs.envs.engine.robot import Robot, _tell
+from sealegs.envs.extended import Change, Extended, Mounted
+from sealegs.envs.robots import get_robot
 from sealegs.gap.output.mjcf import native_text
+from sealegs.hw.virtual.machine import Machine
 
 ARM = """<mujoco>{size}<default>{main}<default class="arm">{arm}</default></default>
 <worldbody><body childclass="arm"><geom size="0.02" mass="0.1"/><body><joint name="a" axis="0 1 0" {own}/>
@@ -115,3 +124,164 @@ def test_a_file_may_say_how_many_user_values_its_parts_have(tmp_path: Path) -> N
         drivetrain = as_robot(file).drivetrain({"a": chain})
         row = drivetrain.model.actuator_user[drivetrain.actuator_ids["a"]]
         assert np.array_equal(row, drivetrain.program("a")) and drivetrain.model.nuser_jnt == 2
+
+
+INNER = """<mujoco model="inner"><compiler angle="{angle}"{more}/><worldbody><body name="b">{inertial}
+<joint name="j" axis="0 1 0" range="{range}"/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".02"/></body>
+</worldbody></mujoco>"""
+OUTER = """<mujoco><compiler angle="{angle}"/><asset><model name="inner" file="inner.xml"/></asset><worldbody>
+<body name="base"><attach model="inner" body="b" prefix="L_"/></body></worldbody></mujoco>"""
+CART = """<mujoco><worldbody><body name="cart"><joint name="s" type="slide" axis="1 0 0" range="-.4 .4"/>
+<geom size=".1" mass="2"/></body></worldbody>
+<actuator><position joint="s" kp="600" kv="30" forcerange="-200 200"/></actuator></mujoco>"""
+
+
+def attached(folder: Path, outer: str, inner: str, ends: str, inertial: str = "", more: str = "") -> Path:
+    (folder / "inner.xml").write_text(INNER.format(angle=inner, range=ends, inertial=inertial, more=more))
+    (folder / "outer.xml").write_text(OUTER.format(angle=outer))
+    return folder / "outer.xml"
+
+
+@pytest.mark.parametrize(
+    ("outer", "inner", "ends", "low"), [("degree", "radian", "-1 1", -1.0), ("radian", "degree", "-60 60", -np.pi / 3)]
+)
+def test_stops_are_written_in_the_unit_of_the_file_that_holds_the_joint(
+    outer: str, inner: str, ends: str, low: float, tmp_path: Path
+) -> None:
+    """They were 57 times too far, or as much too near."""
+    robot = as_robot(load_robot_file(attached(tmp_path, outer, inner, ends)))
+    model = robot.build_spec({"L_j_upper_stop": 0.5}).compile()
+    assert model.jnt_range[0] == pytest.approx((low, 0.5))
+
+
+def test_a_mass_is_written_where_an_attached_file_takes_its_own_from_shapes(tmp_path: Path) -> None:
+    inertial = '<inertial pos="0 0 0" mass="7" diaginertia="1 1 1"/>'
+    path = attached(tmp_path, "radian", "radian", "-1 1", inertial, ' inertiafromgeom="true"')
+    model = as_robot(load_robot_file(path)).build_spec({"L_b_mass": 0.9}).compile()
+    assert model.body("L_b").mass == pytest.approx(0.9)
+
+
+def mass(model: mujoco.MjModel) -> float:
+    data = mujoco.MjData(model)
+    install()
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    return float(full[0, 0])
+
+
+def test_inertia_that_a_slide_has_too_much_of_is_taken_from_it(tmp_path: Path) -> None:
+    """A mass that was found to be less than the file's stayed as it was in what was handed over."""
+    (tmp_path / "cart.xml").write_text(CART)
+    robot = as_robot(load_robot_file(tmp_path / "cart.xml"))
+    for more in (-0.6, 0.0, 0.6):
+        drivetrain = robot.drivetrain({}, {"s_inertia": more})
+        assert mass(drivetrain.model) == pytest.approx(2.0 + more)
+    heavy = load_chain(robot.chains["s"]).with_value("ideal.armature", 0.3)
+    drivetrain = robot.drivetrain({"s": heavy}, {"s_inertia": -0.6})
+    assert mass(drivetrain.model) == pytest.approx(1.7)
+
+
+def test_a_slide_with_nothing_left_of_its_inertia_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    robot = as_robot(load_robot_file(tmp_path / "cart.xml"))
+    with pytest.raises(RobotError, match="joint 's' would have a negative inertia: what was found at it is more than"):
+        robot.build_spec({"s_inertia": -2.1})
+
+
+TWO_JOINTS = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="j" axis="0 1 0" range="-1 1"
+damping="0.5" frictionloss="0.02" armature="0.01"/><geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+SOFT = {"ideal": {"stiffness": 40.0, "damping": 2.0}}
+FILE = "damping: file, armature: file, frictionloss: file"
+
+
+def robot(folder: Path, chain: str = "[{ideal: {stiffness: 40, damping: 2}}]", more: str = FILE) -> Robot:
+    (folder / "arm.xml").write_text(TWO_JOINTS)
+    path = folder / "arm.yaml"
+    path.write_text(f"model: arm.xml\njoints: {{j: {{chain: {chain}, {more}}}}}\n")
+    return get_robot(path)
+
+
+def numbers(machine: Robot, actuator: object = None) -> tuple[float, float, float]:
+    """Damping, dry friction and armature of the joint with a chain."""
+    model = machine.drivetrain(actuator).model  # pyright: ignore[reportArgumentType]
+    return float(model.dof_damping[0]), float(model.dof_frictionloss[0]), float(model.dof_armature[0])
+
+
+def of(chain: object) -> tuple[float, float, float]:
+    loaded = load_chain(chain)  # pyright: ignore[reportArgumentType]
+    return loaded.value("friction.viscous"), loaded.value("friction.coulomb"), loaded.armature()
+
+
+def test_in_the_yaml_file_means_the_file(tmp_path: Path) -> None:
+    assert numbers(robot(tmp_path, "sts3215")) == (0.5, 0.02, 0.01)
+
+
+@pytest.mark.parametrize("actuator", ["sts3215", {"j": "sts3215"}])
+def test_a_chain_that_is_named_elsewhere_counts_with_its_own_numbers_and_that_is_said_once(
+    actuator: object, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Damping was 0.5 with `chain: sts3215` and 0.059 with `actuator=sts3215`, and nobody said so."""
+    machine = robot(tmp_path)
+    _tell.cache_clear()
+    for _ in range(2):
+        assert numbers(machine, actuator) == pytest.approx(of("sts3215"))
+    said = [record.getMessage() for record in caplog.records if "of the chain sts3215 count" in record.getMessage()]
+    assert len(said) == 1
+
+
+def test_what_is_said_names_joints_numbers_and_the_way_out(tmp_path: Path) -> None:
+    file = load_robot_file(robot(tmp_path).source)
+    assert file.whose({"j": load_chain("sts3215")}) == (
+        "joint j: damping, armature, frictionloss of the chain sts3215 count, not of arm.xml; to count these, name the "
+        "chain in arm.yaml, with damping: file.",
+    )
+    assert file.whose({"j": file.joint("j").chain}) == ()
+    assert file.whose({"j": load_chain([SOFT])}) == (), "it states none: the file's count"
+    bare = load_robot_file(tmp_path / "arm.xml")
+    assert "name the chain in a YAML of the robot" in bare.whose({"j": load_chain("sts3215")})[0]
+
+
+def test_a_friction_of_zero_is_a_number_and_no_stage_is_none(tmp_path: Path) -> None:
+    """A chain without dry friction got the file's back."""
+    machine = robot(tmp_path)
+    assert numbers(machine, [SOFT]) == (0.5, 0.02, 0.01)
+    assert numbers(machine, [SOFT, {"friction": {"coulomb": 0.0, "viscous": 0.3}}]) == (0.3, 0.0, 0.01)
+    assert numbers(machine, [SOFT, {"friction": {"coulomb": 0.1}}]) == (0.0, 0.1, 0.01)
+    assert numbers(machine, [SOFT, {"friction": {}}]) == (0.0, 0.0, 0.01)
+
+
+@pytest.mark.parametrize("given", [{}, {"damping": "file"}, {"damping": "chain"}])
+def test_a_chain_of_the_yaml_is_read_alike(given: dict[str, str], tmp_path: Path) -> None:
+    more = ", ".join(f"{key}: {value}" for key, value in given.items()) or "unknown: []"
+    machine = robot(tmp_path, "[{ideal: {stiffness: 40, damping: 2}}, {friction: {coulomb: 0.1}}]", more)
+    damping = 0.5 if given == {"damping": "file"} else 0.0
+    assert numbers(machine) == (damping, 0.1, 0.01)
+    assert machine.file is not None
+    said = "Warning: joint j: damping is 0.5 in arm.xml and 0 in its chain; the chain's counts (damping: chain)"
+    assert any(said in sentence for sentence in machine.file.said) == (not given)
+
+
+@pytest.mark.parametrize("found", [0.0, 0.2])
+def test_a_chain_of_a_diagnosis_keeps_the_friction_that_was_found(
+    found: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    machine = robot(tmp_path)
+    assert machine.file is not None
+    chain = load_chain([SOFT, {"friction": {"coulomb": found, "viscous": 0.5}}])
+    change = Change("j", "friction.coulomb", 0.02, found, "friction.coulomb", "chain")
+    digest = machine.file.model.digest
+    extended = Extended(machine.source, {}, {"j": (Mounted(chain, "j.yaml"),)}, (change,), digest=digest)
+    caplog.clear()
+    for _ in range(2):  # and again from its stages, as they stand in a run's config
+        assert numbers(machine, extended.chains_on(machine)) == (0.5, found, 0.01)
+        extended = Extended.from_dict(extended.to_dict())
+    assert not [record for record in caplog.records if "of the chain" in record.getMessage()]
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.2])
+def test_a_friction_that_a_virtual_machine_hides_is_there_also_where_it_is_none(hidden: float, tmp_path: Path) -> None:
+    path = tmp_path / "hidden.yaml"
+    path.write_text(f"j: {{friction.coulomb: {hidden}}}\n")
+    model = Machine(robot(tmp_path), hidden=str(path)).model
+    assert (float(model.dof_damping[0]), float(model.dof_frictionloss[0])) == (0.5, hidden)

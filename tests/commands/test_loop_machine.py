@@ -1,7 +1,8 @@
-"""The loop's steps run with the machine and the robot that the loop was given."""
+"""The loop's steps run with the machine that the loop was given, and its end tells slides as well as hinges."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import yaml
 from sealegs.agents.config import read_config
 from sealegs.commands import deploy, diagnose, evaluate, loop, train
 from sealegs.configs.compose import compose, split
+from sealegs.evaluation import picture as comparison_picture
 from sealegs.hw.machine.own_robot import READERS
 
 SHORT = ["excitations=[chirp]", "loads=[{mass:0.3,length:0.1}]"]
@@ -104,3 +106,54 @@ def test_a_port_is_named_to_the_steps_only_where_there_is_one(
     """Without port= the first step was given port=None, a file of that name."""
     loop.main([*SHORT, "hw=feetech", f"out={tmp_path / 'loop'}"])
     assert composed(steps, "deploy")["port"] is None
+
+
+TURNS, SLIDES = "position error, same goals [mrad]", "position error, same goals [mm]"
+ROBOTS = {
+    "slides only": (
+        {"same_goals": None, "same_goals_of_slides": 0.0023},
+        "off by 2.3 mm in the nominal model",
+        [SLIDES],
+    ),
+    "turning joints only": ({"same_goals": 0.012, "same_goals_of_slides": None}, "off by 12 mrad in the", [TURNS]),
+    "an arm with a gripper": (
+        {"same_goals": 0.012, "same_goals_of_slides": 0.0004},
+        "off by 12 mrad and 0.4 mm in the nominal model",
+        [TURNS, SLIDES],
+    ),
+    "a comparison of before slides were told": ({"same_goals": 0.012}, "off by 12 mrad in the nominal model", [TURNS]),
+}
+
+
+@pytest.fixture
+def images(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Figures that were drawn."""
+    drawn, plain = [], comparison_picture.figure
+
+    def kept(*size: float) -> Any:
+        drawn.append(plain(*size))
+        return drawn[-1]
+
+    monkeypatch.setattr(comparison_picture, "figure", kept)
+    return drawn
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_gap_is_told_and_drawn_in_the_unit_of_each_kind_of_joint(
+    robot: str, images: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A robot of slides ended a loop in a traceback, and the slides of others were left out."""
+    errors, said, labels = ROBOTS[robot]
+    figures = {name: {"reward": 3.0, **errors} for name in ("nominal", "extended", "machine")}
+    folders = {name: tmp_path / name for name in ("nominal", "extended")}
+    for folder in folders.values():
+        folder.mkdir()
+        (folder / "comparison.json").write_text(json.dumps({"figures": figures}))
+    loop.tell(tmp_path, folders)
+    assert said in capsys.readouterr().out and (tmp_path / "gap.png").exists()
+    (image,) = images
+    assert [axes.get_ylabel() for axes in image.axes] == [*labels, "reward per second"]
+    for axes, label in zip(image.axes, labels, strict=False):
+        error = errors["same_goals" if label == TURNS else "same_goals_of_slides"]
+        assert [bar.get_height() for bar in axes.patches] == pytest.approx([1e3 * error] * 4)

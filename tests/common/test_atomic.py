@@ -1,14 +1,19 @@
-"""Files appear whole or not at all."""
+"""Files appear whole or not at all, and two runs that begin within one second have two names."""
 
 from __future__ import annotations
 
 import errno
 import os
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
+from sealegs.commands import cli, loop
+from sealegs.common import fresh_names
 from sealegs.common.atomic import REPLACED, UNFINISHED, finish_replacements, folder_written, write_text, written
+
+from tests.servo_runs import PATIENT
 
 
 def test_a_file_appears_when_its_block_ends(tmp_path: Path) -> None:
@@ -84,3 +89,47 @@ def test_what_a_kill_between_two_renames_left_is_put_right(tmp_path: Path) -> No
     (tmp_path / f"{UNFINISHED}other").mkdir()
     finish_replacements(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+class Standing(datetime):
+    """A clock that stands still."""
+
+    @classmethod
+    def now(cls, tz: object = None) -> Standing:  # type: ignore[override]
+        return cls(2026, 1, 31, 12)
+
+
+@pytest.fixture(autouse=True)
+def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fresh_names, "datetime", Standing)
+
+
+def test_a_name_that_is_taken_with_another_ending_gets_a_number(tmp_path: Path) -> None:
+    first = fresh_names.fresh(tmp_path / "missing", "run", ".csv")
+    assert first == tmp_path / "missing" / "run-20260131-120000.csv"
+    first.parent.mkdir()
+    first.with_suffix(".yaml").touch()
+    second = fresh_names.fresh(first.parent, "run", ".csv")
+    assert second.name == "run-20260131-120000-2.csv"
+    second.touch()
+    assert fresh_names.fresh(first.parent, "run").name == "run-20260131-120000-3"
+
+
+def test_two_deployments_within_a_second_write_two_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert (
+            cli.main(["deploy", "excitation=steps", "hw.virtual.time=stepped", "live=false", "duration=0.1", *PATIENT])
+            == 0
+        )
+    assert len(list(tmp_path.glob("logs/*/*.csv"))) == 2
+
+
+def test_what_a_stop_left_is_put_beside_what_an_earlier_one_left(tmp_path: Path) -> None:
+    for content in ("first", "second"):
+        folder = tmp_path / "policy"
+        folder.mkdir()
+        (folder / "notes").write_text(content)
+        loop.put_aside(folder, tmp_path)
+    kept = sorted(path.read_text() for path in (tmp_path / "unfinished").glob("policy-*/notes"))
+    assert kept == ["first", "second"]

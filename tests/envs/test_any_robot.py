@@ -1,7 +1,10 @@
-"""Tasks that any robot has, on robots that a file describes, and tasks in a user's own file."""
+"""Tasks that any robot has, tasks in a user's own file, how their episodes start, and what a changed source does."""
+
+from __future__ import annotations
 
 import json
 import pickle
+import shutil
 import subprocess
 import sys
 import warnings
@@ -13,14 +16,18 @@ import numpy as np
 import pytest
 import sealegs
 from gymnasium.utils.env_checker import check_env as check_gymnasium
+from sealegs.actuators import load_chain
 from sealegs.agents.config import read_config
 from sealegs.common.errors import SealegsError
 from sealegs.envs import registered_id
 from sealegs.envs.any_robot.track import TrackTask
-from sealegs.envs.contract import make_contract, task_of
+from sealegs.envs.contract import make_contract, start_pose, task_of
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.robots import get_robot
+from sealegs.hw.virtual.machine import Machine
 from stable_baselines3.common.env_checker import check_env as check_sb3
+
+from tests.agents.test_train import SMALL, run
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 ARM = str(ROBOTS / "arm.yaml")
@@ -214,3 +221,174 @@ def test_importing_sealegs_stays_light() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == []
+
+
+ARM_MODEL = Path(__file__).parents[1] / "robots" / "arm.xml"
+TASK = """
+from dataclasses import dataclass
+import numpy as np
+from sealegs.envs.any_robot.reach import ReachTask
+
+@dataclass(frozen=True)
+class Mine(ReachTask):
+    episode_steps = 10
+
+    def {method}:
+        return {gives}
+"""
+
+
+@pytest.mark.parametrize(
+    ("method", "gives", "sentence"),
+    [
+        ("rewards(self, motion)", "{'r': 1.0}", "Mine.rewards gives 1.0 as 'r'; give an array with one number per sim"),
+        ("rewards(self, motion)", "{'r': motion.link}", r"Mine.rewards gives an array of the shape \(2, 2\) as 'r'"),
+        ("rewards(self, motion)", "motion.time", "gives an array of the shape .*; it gives a dict of terms by name"),
+        ("failed(self, motion)", "False", "Mine.failed gives False; give an array of bool"),
+        ("observe(self, motion)", "[motion.time]", "Mine.observe gives 1 numbers, and observation_names names 8"),
+        ("observe(self, motion)", "[0.0]", "Mine.observe gives 0.0 as part 0; give arrays with one number"),
+    ],
+)
+def test_what_a_task_gives_in_a_wrong_shape_is_told(method: str, gives: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(TASK.format(method=method, gives=gives))
+    env = sealegs.make_env(f"{path}:Mine", 2, robot=str(ARM_MODEL))
+    with pytest.raises(SealegsError, match=sentence):
+        env.reset(seed=0)
+        env.step(np.zeros((2, 2), np.float32))
+    env.close()
+
+
+def test_the_tasks_of_a_file_are_those_that_it_defines(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text(TASK.format(method="rewards(self, motion)", gives="{}"))
+    with pytest.raises(SealegsError, match=r"has no Mime \(did you mean 'Mine'\?\); its tasks are Mine\."):
+        sealegs.make_env(f"{path}:Mime", robot=str(ARM_MODEL))
+
+
+CHANGED_TASK = """
+from dataclasses import dataclass
+from sealegs.envs.any_robot.reach import ReachTask
+
+@dataclass(frozen=True)
+class Mine(ReachTask):
+    episode_steps = 50
+"""
+
+
+def begun(folder: Path, task: str = "") -> Path:
+    """A run of an arm of its own, perhaps with a task of its own, stopped at step 128."""
+    for name in ("arm.xml", "arm.yaml"):
+        shutil.copy(ROBOTS / name, folder / name)
+    small = [item for item in SMALL if item != "env=bench"]
+    asked = [f"env={folder / 'mine.py'}:Mine"] if task else []
+    if task:
+        (folder / "mine.py").write_text(task)
+    arguments = [*asked, f"robot={folder / 'arm.yaml'}", f"out={folder}", "name=run", "total_timesteps=128"]
+    assert run(*small, *arguments) == 0
+    return folder / "run"
+
+
+def changed(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [("arm.xml", 'mass="0.1"', 'mass="0.2"'), ("arm.yaml", "timestep: 0.002", "timestep: 0.001")],
+)
+def test_a_run_does_not_go_on_with_another_robot(tmp_path: Path, capsys, name: str, old: str, new: str) -> None:
+    folder = begun(tmp_path)
+    changed(tmp_path / name, old, new)
+    assert run(f"resume={folder}", "total_timesteps=256") == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert f"{tmp_path / name} has changed since {folder} began" in error and "start a new run" in error
+    changed(tmp_path / name, new, old)
+    assert run(f"resume={folder}", "total_timesteps=256") == 0
+
+
+@pytest.mark.long
+def test_a_run_does_not_go_on_with_another_task(tmp_path: Path, capsys) -> None:
+    folder = begun(tmp_path, CHANGED_TASK)
+    changed(tmp_path / "mine.py", "50", "60")
+    assert run(f"resume={folder}", "total_timesteps=256") == 2
+    assert f"{tmp_path / 'mine.py'} has changed since" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_servos_and_comments_of_a_robot_may_change_in_a_run(tmp_path: Path) -> None:
+    folder = begun(tmp_path)
+    changed(tmp_path / "arm.yaml", "joints:", "# mounted on Monday\ndeploy: {}\njoints:")
+    assert run(f"resume={folder}", "total_timesteps=256") == 0
+
+
+@pytest.mark.long
+def test_a_run_of_an_earlier_version_goes_on(tmp_path: Path) -> None:
+    folder = begun(tmp_path)
+    (folder / "sources.json").unlink()
+    changed(tmp_path / "arm.xml", 'mass="0.1"', 'mass="0.2"')
+    assert run(f"resume={folder}", "total_timesteps=256") == 0
+
+
+DOG = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><geom type="plane" size="5 5 0.1"/>
+<body name="trunk" pos="0 0 0.5">{base}<geom type="box" size="0.1 0.05 0.03" mass="2"/>
+<body name="thigh" pos="0 0.07 0"><joint name="hip" axis="0 1 0" range="-1 1" damping="0.1"/>
+<geom type="capsule" fromto="0 0 0 0 0 -0.15" size="0.02" mass="0.2"/></body>
+<body name="tail" pos="-0.1 0 0"><joint {tail} axis="0 1 0" stiffness="1" damping="0.01"/>
+<geom type="capsule" fromto="0 0 0 -0.1 0 0" size="0.01" mass="0.05"/></body></body></worldbody>
+<actuator><position joint="hip" kp="30" kv="1"/></actuator>
+<keyframe>{key}</keyframe></mujoco>"""
+HOME = '<key name="low" qpos="0 0 0.1 1 0 0 0 0 0"/><key name="home" qpos="1 2 0.25 2 0 0 2 0.2 0.4"/>'
+NAMES = {"named": ('<freejoint name="root"/>', 'name="wag"'), "nameless": ("<freejoint/>", "")}
+
+
+def dog(folder: Path, names: str = "named", key: str = HOME) -> Path:
+    base, tail = NAMES[names]
+    path = folder / "dog.xml"
+    path.write_text(DOG.format(base=base, tail=tail, key=key))
+    return path
+
+
+def start(path: Path, task: str = "track") -> np.ndarray:
+    """Positions at the start of an episode: seven of the base, the hip, the tail."""
+    env = sealegs.make_env(task, robot=str(path))
+    env.reset(seed=0)
+    return np.array(env.unwrapped.data.qpos)
+
+
+@pytest.mark.parametrize("task", ["track", "reach"])
+@pytest.mark.parametrize("names", NAMES)
+def test_the_base_and_a_joint_that_nothing_drives_start_as_in_the_keyframe_home(
+    task: str, names: str, tmp_path: Path
+) -> None:
+    """A dog that its file stands at a height of 0.25 m fell on it from 0.5 m."""
+    found = start(dog(tmp_path, names), task)
+    np.testing.assert_allclose(found[:7], [1.0, 2.0, 0.25, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    assert found[8] == 0.4 and found[7] == pytest.approx(0.2, abs=0.45)
+
+
+@pytest.mark.parametrize("key", ["", '<key name="home" qpos="0 0 0.25"/>'])
+def test_without_a_keyframe_of_the_robots_size_the_base_starts_where_the_file_has_it(key: str, tmp_path: Path) -> None:
+    found = start(dog(tmp_path, key=key))
+    np.testing.assert_allclose(found[:7], [0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("names", NAMES)
+def test_a_virtual_machine_stands_where_the_episodes_of_its_policy_start(names: str, tmp_path: Path) -> None:
+    """Of a base without a name, asking where it stands ended in a traceback."""
+    path = dog(tmp_path, names)
+    robot = get_robot(path)
+    chains = {name: load_chain(chain).to_list() for name, chain in robot.chains_for(None).items()}
+    contract = make_contract({"id": "SeaLegs/Reach-v0", "robot": str(path)}, chains, 50.0)
+    machine = Machine(robot, pose=start_pose(contract))
+    np.testing.assert_allclose(machine.data.qpos[:7], [1.0, 2.0, 0.25, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)], atol=1e-9)
+
+
+def test_a_base_that_the_yaml_sets_on_a_stand_stays_where_the_file_has_it(tmp_path: Path) -> None:
+    dog(tmp_path)
+    path = tmp_path / "stand.yaml"
+    path.write_text("model: dog.xml\nbase: fixed\njoints: {hip: {chain: sts3215}}\n")
+    assert start(path)[1] == 0.4 and len(start(path)) == 2

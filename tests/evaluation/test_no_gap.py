@@ -1,25 +1,27 @@
-"""``evaluate`` tells a gap where something is hidden, of every robot with its committed policy, and nowhere else."""
+"""``evaluate`` tells a gap where something is hidden, and nowhere else; what two runs differ by chance is none."""
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from sealegs.envs.robots import get_robot
 from sealegs.evaluation.aligned import Aligned, squares
-from sealegs.evaluation.comparison import NOMINAL_MACHINE, gap_of, hides_nothing
+from sealegs.evaluation.comparison import NOMINAL_MACHINE, gap_of, hides_nothing, verdict
 from sealegs.evaluation.page import headline
+from sealegs.hw.bus.registers import load_model
 from sealegs.hw.machine.limits import Limits
-from sealegs.hw.machine.robot import build_robot
+from sealegs.hw.machine.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.run.simulated import simulate
 
 from benchmarks.many_starts import FILE, gap, hidden_gap, well
-from tests.committed_policies import POLICIES, committed
-from tests.servo_runs import config, gentle_policy
+from tests.servo_runs import POLICIES, committed, config, gentle_policy
 from tests.simulated_runs import sine
 
 KINDS = sorted(path.parent.name for path in POLICIES.glob("*/seed0"))
@@ -106,3 +108,42 @@ def test_the_sentence_on_the_nominal_machine_names_the_key_that_gives_another() 
     )  # fmt: skip
     comparison: Any = SimpleNamespace(figures={"nominal": figures, "extended": figures}, note=NOMINAL_MACHINE)
     assert headline(comparison).endswith(NOMINAL_MACHINE)
+
+
+def bench() -> ServoRobot:
+    model, servo = get_robot("bench"), load_model("sts3215")
+    return ServoRobot(model, {}, servo, nominal_joints(model, servo, {}), dict(model.chains))
+
+
+def test_one_window_with_a_hard_landing_is_no_gap() -> None:
+    calm = np.full((20, 1), 1e-6)
+    landed = calm.copy()
+    landed[7] = 1e-4
+    assert np.sqrt(landed.mean() / calm.mean()) > 2.0
+    assert gap_of(landed, calm, bench())["gap"] is None
+
+
+def test_the_same_excess_in_every_window_is_one() -> None:
+    rng = np.random.default_rng(1)
+    accounted, found = (scale * rng.chisquare(3, (20, 1)) for scale in (1e-6, 4e-6))
+    told = gap_of(found, accounted, bench())
+    assert told["gap"] is not None and told["gap"] > 1.5 and told["gap_at"] == "joint"
+
+
+ERRORS = {"same_goals": 0.01, "same_goals_of_slides": math.nan, "accounted": 1e-9, "accounted_of_slides": math.nan}
+
+
+def test_a_joint_that_hardly_moves_is_not_off_millions_of_times() -> None:
+    """Of a run of 2 s: 'off 3718970.1 times as far'."""
+    figures: Any = SimpleNamespace(**ERRORS, gap=3718970.1, gap_at="knee")
+    assert verdict(figures).endswith("knee is off over 100 times as far.")
+
+
+def test_errors_of_joints_that_slide_are_told_in_mm_beside_those_that_turn_in_mrad() -> None:
+    """Rad and m were under one root."""
+    gantry = cast(ServoRobot, SimpleNamespace(names=["x", "turn"], units=["m", "rad"], base_names=[]))
+    told = gap_of(np.tile([4e-6, 9e-4], (20, 1)), np.tile([4e-6, 9e-4], (20, 1)), gantry)
+    assert told["same_goals"] == pytest.approx(0.03) and told["same_goals_of_slides"] == pytest.approx(0.002)
+    figures: Any = SimpleNamespace(**told)
+    assert "position error is 30 mrad and 2 mm over windows" in verdict(figures)
+    assert math.isnan(gap_of(np.full((20, 1), 1e-6), np.full((20, 1), 1e-6), bench())["same_goals_of_slides"])

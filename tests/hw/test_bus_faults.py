@@ -1,13 +1,17 @@
-"""Every fault of wire, adapter and servos has its name, spoils no reading, and keeps no servo from being released."""
+"""Faults of wire, adapter and servos: each has its name, spoils no other reading, and keeps no servo from release."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from sealegs.gap.log import read_measured
+from sealegs.hw.bus.dialects import Reply
 from sealegs.hw.bus.packets import (
     CorruptReplyError,
     NoReplyError,
@@ -15,11 +19,15 @@ from sealegs.hw.bus.packets import (
     OverloadFault,
     ReplyError,
     ShortReplyError,
+    StaleReplyError,
+    StalledError,
     UnpluggedError,
     VoltageFault,
 )
 from sealegs.hw.bus.port import Echo
 from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.run.commands import Reference, read_replay
+from sealegs.hw.run.simulated import recorded
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
 from sealegs.hw.virtual.server import Server
@@ -331,3 +339,148 @@ def test_faults_of_a_file_come_at_their_time(tmp_path: Path):
 def test_a_wrong_fault_is_refused_in_a_sentence(row, words):
     with pytest.raises(FaultError, match=words):
         fault_from(row)
+
+
+SHORT = 0.1  # [s]
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with served() as found:
+        yield found
+
+
+def torque(server: Server) -> list[int]:
+    return [servo.get("torque_enable") for servo in server.wire.rig.servos]
+
+
+def test_an_exception_switches_off_what_the_bus_has_switched_on(server: Server) -> None:
+    with ServoBus(server.port, timeout=SHORT) as other:
+        other.torque_on([2])
+    with pytest.raises(KeyboardInterrupt), ServoBus(server.port, timeout=SHORT) as bus:
+        bus.torque_on([1])
+        raise KeyboardInterrupt
+    assert torque(server) == [0, 1], "2 was not its own"
+
+
+def test_a_block_that_ends_as_planned_leaves_torque_as_it_is(server: Server) -> None:
+    with ServoBus(server.port, timeout=SHORT) as bus:
+        bus.torque_on([1])
+        bus.write_register(2, "torque_enable", 1)
+        bus.torque_off([2])
+    assert torque(server) == [1, 0]
+
+
+@pytest.mark.parametrize("dead", ["silent", "closed"])
+def test_a_dead_bus_does_not_hide_the_exception(server: Server, dead: str) -> None:
+    with pytest.raises(ValueError, match="a bug") as raised, ServoBus(server.port, timeout=SHORT) as bus:
+        bus.torque_on([1])
+        if dead == "silent":
+            server.wire.faults.append(fault_from({"kind": "drop"}))
+        else:
+            bus.close()
+        raise ValueError("a bug")
+    assert "TORQUE MAY BE ON at servo(s) 1: CUT THE POWER" in raised.value.__notes__[0]
+
+
+# --- what comes of a transaction of which a part was lost ----------------------------------------------------------
+
+
+def test_a_short_reply_costs_no_other_servo_its_own() -> None:
+    simulation = Simulation("hopper")
+    ids = simulation.robot.all_ids
+    simulation.fault("short", servos=[2], count=1)
+    with pytest.raises(ShortReplyError) as caught:
+        simulation.bus.read_state(ids, retries=0)
+    assert caught.value.servos == (2,) and sorted(caught.value.replies) == [1, 3, 4, 5, 6]
+    simulation = Simulation("hopper")
+    simulation.fault("short", servos=[2], count=1)
+    simulation.fault("silence", servos=[5], seconds=0.05)
+    with pytest.raises(NoReplyError) as silent:
+        simulation.bus.read_state(ids, retries=0)
+    assert silent.value.servos == (5,) and sorted(silent.value.replies) == [1, 3, 4, 6]
+
+
+def test_a_second_master_that_never_ends_does_not_keep_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation("hopper")
+    bus, port = simulation.bus, simulation.port
+    heard: list[float] = []
+
+    def babble(_: object) -> tuple[Reply, bool]:
+        assert len(heard) < 1000, "for ever"
+        port.sleep(0.001)
+        heard.append(port.now())
+        return Reply(99, 0, [0], [99]), False
+
+    monkeypatch.setattr(bus.line.dialect, "receive", babble)
+    with pytest.raises(StaleReplyError, match="servo 99 on simulated"):
+        bus.read_state([1, 2], retries=0)
+    assert heard[-1] - heard[0] < 0.03
+
+
+def test_an_adapter_that_takes_no_bytes_is_said_before_the_second_try_to_release(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulation = Simulation("hopper")
+    said: list[float] = []
+
+    def stalled(*_: object) -> float:
+        simulation.port.sleep(0.5)
+        raise StalledError("the adapter takes no more bytes.")
+
+    monkeypatch.setattr(simulation.bus.line, "send_all", stalled)
+    begun = simulation.port.now()
+    failed = simulation.bus.torque_off([1, 2], lambda servos, error: said.append(simulation.port.now() - begun))
+    assert sorted(failed) == [1, 2] and said == [pytest.approx(0.5)]
+
+
+def test_a_servo_that_answers_twice_is_not_believed_and_costs_no_other_its_reply(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulation = Simulation("hopper")
+    exchange = simulation.wire.exchange
+
+    def doubled(*arguments: object) -> list[tuple[float, bytes]]:
+        found = exchange(*arguments)  # type: ignore[arg-type]
+        return [row for at, packet in found for row in [(at, packet)] * (1 + (packet[2] == 3))]
+
+    monkeypatch.setattr(simulation.wire, "exchange", doubled)
+    with pytest.raises(StaleReplyError) as caught:
+        simulation.bus.read_state(simulation.robot.all_ids, retries=0)
+    assert caught.value.servos == (3,) and sorted(caught.value.replies) == [1, 2, 4, 5, 6]
+
+
+def test_the_torque_of_a_servo_that_did_not_answer_is_not_known() -> None:
+    simulation = Simulation("hopper")
+    bus, ids = simulation.bus, simulation.robot.all_ids
+    bus.torque_on([1, 2])
+    bus.read_cycle(ids, True)
+    simulation.fault("silence", servos=[2])
+    state = bus.read_cycle(ids, True, simulation.port.now() + 0.005)
+    assert state.torque is not None and state.missing == (2,)
+    assert state.torque.tolist()[:2] == [1, -1]
+
+
+def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp_path: Path) -> None:
+    simulation = Simulation("hopper", commands=Reference, folder=tmp_path, limits={"range_margin": 3.0})
+    silenced: list[float] = []
+
+    def once() -> None:
+        if simulation.log is not None and simulation.log.rows > 20 and not silenced:
+            silenced.append(simulation.loop.elapsed)
+            simulation.fault("silence", servos=[3, 6], seconds=0.03)
+
+    simulation.loop.each_cycle = once
+    assert simulation.run(0.6).ending == "finished"
+    run = read_measured(tmp_path / "run.csv").runs[0]
+    lost = np.isnan(run.base["base_z"])
+    assert 1 <= lost.sum() <= 5 and np.diff(run.time).max() < 0.015, "no cycle is left out"
+    for joint, same in (("hip", lost), ("knee", np.zeros_like(lost))):
+        link = run.joints[joint].link_position
+        assert link is not None and (np.isnan(link) == same).all()
+    assert np.isfinite(run.base["base_x"]).all()
+    goals = read_replay(tmp_path / "run.csv", simulation.robot)
+    assert goals.duration == pytest.approx(run.time[-1] - run.time[0], abs=0.02)
+    policy: Any = SimpleNamespace(history=[])
+    compared = recorded(tmp_path / "run.csv", policy)
+    assert len(compared.time) == (~lost).sum() and np.isfinite(compared.base).all()

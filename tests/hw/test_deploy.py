@@ -17,6 +17,7 @@ from sealegs.configs.script import run as run_script
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.contract import Contract, ContractError
 from sealegs.gap.checks.data_set import check_set, unusable
+from sealegs.gap.experiment import library
 from sealegs.gap.experiment.files import write_experiment
 from sealegs.gap.experiment.proposal import Experiment
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
@@ -25,6 +26,7 @@ from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.machine.unlike import unlike_the_factory, unlike_the_file
 from sealegs.hw.run import deployment
 from sealegs.hw.run.commands import read_excitation, read_replay
+from sealegs.hw.run.excitation import library_excitation
 from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from sealegs.hw.run.policy import Policy
 
@@ -383,3 +385,18 @@ def test_the_loop_refuses_to_go_on_with_other_settings(tmp_path: Path) -> None:
     with pytest.raises(SealegsError, match=r"begun with reach=0\.9"):
         loop.keep(tmp_path / "loop.yaml", {"seed": 0, "reach": 0.5})
     assert yaml.safe_load((tmp_path / "loop.yaml").read_text()) == {"seed": 0, "reach": 0.9}
+
+
+@pytest.mark.parametrize("word", ["multisine", "steps", "fast_steps"])
+def test_no_joint_repeats_under_a_neighbouring_seed_what_another_does(word: str) -> None:
+    robot = build_robot(compose("deploy", {"robot": "hopper"})["robot"])
+    middles = [0.5 * (joint.low + joint.high) for joint in robot.joints]
+    motions = [
+        column - middle
+        for seed in range(3)
+        for column, middle in zip(library_excitation(word, robot, 0.3, seed)._goals.T, middles, strict=True)
+    ]
+    for k, one in enumerate(motions):
+        assert not any(np.allclose(one, other) for other in motions[:k])
+    first = library(0.0, 0.3, 2)[word.replace("_", " ")]
+    assert motions[4] == pytest.approx(first), "the first joint moves as on a bench with that seed"

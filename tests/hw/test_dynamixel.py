@@ -33,7 +33,7 @@ from sealegs.hw.virtual.protocol import Request
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
-from tests.simulated_dynamixels import RATE, XL330, bus_on, wired
+from tests.served_bus import RATE, XL330, bus_on, dynamixels
 from tests.waiting import wait_until
 
 IDS = [1, 2]
@@ -53,7 +53,7 @@ def patience() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def server(patience: None) -> Iterator[Server]:
     """Two Dynamixels on the hopper's joints, in stepped time."""
-    with Server(wired("hopper"), stepped=True) as server:
+    with Server(dynamixels("hopper"), stepped=True) as server:
         thread = threading.Thread(target=server.run, daemon=True)
         thread.start()
         yield server
@@ -159,7 +159,7 @@ def test_the_crc_is_that_of_the_sdk_and_headers_within_data_are_stuffed() -> Non
 
 
 def test_who_waits_for_a_silent_servo_does_not_answer() -> None:
-    wire = wired("hopper", [{"kind": "silence", "servos": [1]}])
+    wire = dynamixels("hopper", [{"kind": "silence", "servos": [1]}])
     request = Request(254, SYNC_READ, bytes((132, 0, 4, 0, 1, 2)), 16)
     assert wire.exchange(request, 0.0, RATE) == []
 
@@ -168,7 +168,7 @@ def test_who_waits_for_a_silent_servo_does_not_answer() -> None:
 
 
 def test_the_bus_finds_checks_and_reads_dynamixels_in_si_units() -> None:
-    bus = bus_on(wired())
+    bus = bus_on(dynamixels())
     assert bus.scan(range(4)) == {1: 1200}
     bus.check([1])
     bus.torque_on([1])
@@ -187,7 +187,7 @@ def test_the_bus_finds_checks_and_reads_dynamixels_in_si_units() -> None:
 
 
 def test_current_of_the_xl330_is_signed() -> None:
-    bus = bus_on(wired())
+    bus = bus_on(dynamixels())
     bus.torque_on([1])
     seen = []
     for goal in (0.5, -0.5):
@@ -198,7 +198,7 @@ def test_current_of_the_xl330_is_signed() -> None:
 
 
 def test_a_servo_set_up_otherwise_or_of_another_model_is_refused() -> None:
-    bus = bus_on(wired())
+    bus = bus_on(dynamixels())
     bus.write_register(1, "operating_mode", 4)
     with pytest.raises(ConfigurationError, match="write 3, position mode"):
         bus.check([1])
@@ -206,13 +206,13 @@ def test_a_servo_set_up_otherwise_or_of_another_model_is_refused() -> None:
     bus.write_register(1, "startup_configuration", 1)
     with pytest.raises(ConfigurationError, match="clear bit 0, so that a restart does not switch torque on"):
         bus.check([1])
-    bus_on(wired(model="xm430_w350", chain="xm430_w350"), "xm430_w350").check([1])
+    bus_on(dynamixels(model="xm430_w350", chain="xm430_w350"), "xm430_w350").check([1])
     with pytest.raises(WrongModelError):
-        bus_on(wired(), "xm430_w350").check([1])
+        bus_on(dynamixels(), "xm430_w350").check([1])
 
 
 def test_a_refusal_is_an_error_with_its_reason() -> None:
-    bus = bus_on(wired())
+    bus = bus_on(dynamixels())
     bus.torque_on([1])
     with pytest.raises(RefusedError, match="not while torque is on"):
         bus.write_register(1, "operating_mode", 4)
@@ -221,7 +221,7 @@ def test_a_refusal_is_an_error_with_its_reason() -> None:
 
 
 def test_switching_torque_on_moves_nothing_and_sets_the_watchdog() -> None:
-    bus = bus_on(wired(), watchdog=0.2)
+    bus = bus_on(dynamixels(), watchdog=0.2)
     before = bus.read_state([1]).raw["present_position"][0]
     bus.torque_on([1])
     assert bus.read_register(1, "bus_watchdog") == 10 and bus.read_register(1, "led") == 1
@@ -235,7 +235,7 @@ def test_switching_torque_on_moves_nothing_and_sets_the_watchdog() -> None:
 
 @pytest.mark.parametrize(("kind", "fault"), [("overheat", OverheatFault), ("overload", OverloadFault)])
 def test_a_fault_comes_with_the_reading_and_only_a_restart_frees_the_servo(kind: str, fault: type) -> None:
-    wire = wired()
+    wire = dynamixels()
     bus = bus_on(wire)
     bus.torque_on([1])
     from sealegs.hw.virtual.faults import fault_from
@@ -254,7 +254,7 @@ def test_a_fault_comes_with_the_reading_and_only_a_restart_frees_the_servo(kind:
 
 
 def test_replies_behind_a_silent_servo_are_asked_for_again() -> None:
-    wire = wired("hopper", [{"kind": "silence", "servos": [1], "at": 0.5, "seconds": 0.5}])
+    wire = dynamixels("hopper", [{"kind": "silence", "servos": [1], "at": 0.5, "seconds": 0.5}])
     bus = bus_on(wire)
     bus.read_cycle(IDS)
     while bus.clock.now() < 0.5:
@@ -271,13 +271,13 @@ def test_a_register_tells_its_unit() -> None:
 
 
 def test_an_id_is_changed_without_a_lock() -> None:
-    bus = bus_on(wired())
+    bus = bus_on(dynamixels())
     bus.change_id(1, 7)
     assert bus.scan(range(9)) == {7: 1200}
 
 
 def test_the_late_wire_is_not_taken_for_the_next_answer() -> None:
-    wire: Wire = wired(faults=[{"kind": "late", "count": 1, "delay": 0.021, "at": 0.2}])
+    wire: Wire = dynamixels(faults=[{"kind": "late", "count": 1, "delay": 0.021, "at": 0.2}])
     bus: ServoBus = bus_on(wire)
     bus.clock.sleep(0.2)
     assert bus.read_register(1, "position_p_gain") == 400 and bus.read_register(1, "velocity_p_gain") == 180
@@ -321,7 +321,7 @@ def test_deploy_and_its_log_know_a_robot_with_a_dynamixel(tmp_path: Path, capsys
 
 
 def test_a_range_beyond_the_limits_of_a_dynamixel_is_refused_to_the_step() -> None:
-    with bus_on(wired()) as bus:
+    with bus_on(dynamixels()) as bus:
         bus.write_register(1, "max_position_limit", 2600)
         reach = {step: (step - XL330.centre) * XL330.step for step in (2600, 2601)}
         check_joint(bus, Joint("joint", 1, XL330.centre, 1, -0.5, reach[2600]))
@@ -330,5 +330,5 @@ def test_a_range_beyond_the_limits_of_a_dynamixel_is_refused_to_the_step() -> No
 
 
 def test_a_range_to_the_end_of_a_dynamixels_turn_is_within_its_limits() -> None:
-    with bus_on(wired()) as bus:
+    with bus_on(dynamixels()) as bus:
         check_joint(bus, Joint("joint", 1, XL330.centre, 1, -2048.4 * XL330.step, 2047.5 * XL330.step))

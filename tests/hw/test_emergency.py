@@ -1,4 +1,4 @@
-"""An emergency stop while torque comes on, what the supervisor hears then, and who gets the loop's priority."""
+"""Emergency stops and dead-man's switches, as torque comes on and in mid-cycle; who gets the loop's priority."""
 
 from __future__ import annotations
 
@@ -8,20 +8,28 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.log import LogError
 from sealegs.hw.bus.buses import BusGroup
 from sealegs.hw.bus.packets import UnpluggedError
+from sealegs.hw.bus.servo_bus import ServoBus
+from sealegs.hw.guard.deadman import LET_GO, DeadMan
 from sealegs.hw.guard.emergency import emergency_stop
-from sealegs.hw.guard.safety import Fault
+from sealegs.hw.guard.safety import Fault, Limits, Safety
+from sealegs.hw.guard.stop import Stop
+from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run import realtime as module
+from sealegs.hw.run.loop import ControlLoop
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.realtime import realtime
+from sealegs.hw.virtual import VirtualBus
 
-from tests.hw.test_two_adapters import Both
-from tests.simulated_runs import Simulation
-from tests.waiting import wait_until
+from tests.hw.test_two_adapters import both_buses
+from tests.servo_runs import config
+from tests.simulated_runs import Simulation, sine
+from tests.waiting import GIVE_UP, wait_until
 
 SLOW = 0.016  # [s] that an FTDI adapter holds bytes
 
@@ -108,7 +116,7 @@ def test_ctrl_c_while_torque_comes_on_ends_that_too(monkeypatch: pytest.MonkeyPa
 
 
 def test_on_two_adapters_no_further_servo_gets_torque_either() -> None:
-    both = Both()
+    both = both_buses()
     wishes = iter([True] * 6 + [False])  # the first bus asks at its beginning, and three times for its servo
     assert not both.bus.torque_on(both.robot.ids, lambda: next(wishes, False))
     assert both.torque == [False, False] and len([on for _, _, on in both.rig.history if on]) == 1
@@ -188,7 +196,7 @@ def stop_at(
     return max(time for time, servo, on in simulation.rig.history if not on) - at[0]
 
 
-# --- what ends a run is what is told -----------------------------------------------------------------------------
+# --- what ends a run is what is told --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("fault", ["overheat", "unplug", "goal"])
@@ -225,7 +233,7 @@ def test_a_log_that_fails_with_the_fault_does_not_take_its_place(
     assert events["fault"]["name"] == name and "No space" in events["log"]["sentence"]
 
 
-# --- priority ----------------------------------------------------------------------------------------------------
+# --- priority -------------------------------------------------------------------------------------------------
 
 
 def test_the_threads_that_a_cycle_waits_for_get_its_priority(monkeypatch: pytest.MonkeyPatch, button: Any) -> None:
@@ -233,7 +241,7 @@ def test_the_threads_that_a_cycle_waits_for_get_its_priority(monkeypatch: pytest
     monkeypatch.setattr(
         module.os, "sched_setscheduler", lambda thread, policy, parameters: given.append((thread, policy))
     )
-    both = Both()
+    both = both_buses()
     group = BusGroup(both.bus.parts)  # reads its buses at the same time
     before = threading.active_count()
     with (
@@ -264,3 +272,112 @@ def test_a_priority_that_is_refused_for_one_thread_is_given_back_for_all(monkeyp
     with pytest.raises(SealegsError, match="rtprio"), realtime(10, [4711]):
         pass
     assert given[0] == os.SCHED_OTHER
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_emergency_stop_acts_in_the_middle_of_a_cycle(closed: bool) -> None:
+    button, pressed = os.pipe()
+    with VirtualBus(robot="bench") as virtual:
+        bus = ServoBus(virtual.port, timeout=0.5)
+        robot = build_robot(config()["robot"])
+        limits = Limits.from_config({**config()["robot"]["safety"], "following_error": 9.0})
+        stop = Stop()
+        loop = ControlLoop(
+            bus, robot, Safety(robot, limits, 2.0), sine(0.1)(robot), 0.5, stop=stop, rest="hold", overruns="log"
+        )
+        released: list[int] = []  # the cycle in which torque went off
+
+        def release() -> object:
+            failed = bus.torque_off(robot.ids)
+            released.append(loop.counts[0])
+            return failed
+
+        with emergency_stop(button, stop, release):
+            thread = threading.Thread(target=loop.run, args=(1000.0,))
+            thread.start()
+            wait_until(lambda: loop.counts[0] >= 1, thread)
+            cycle = loop.counts[0]
+            os.close(pressed) if closed else os.write(pressed, b"!")
+            wait_until(lambda: not virtual.status()["servos"]["1"]["torque"])
+            thread.join(GIVE_UP)
+        assert released[0] == cycle, "a cycle has two seconds"
+        assert loop.outcome is not None and (loop.outcome.ending, loop.outcome.rest) == ("stopped", "release")
+        assert loop.outcome.reason == "the emergency stop was pressed" and loop.outcome.not_at_rest == {}
+    os.close(button)
+    if not closed:
+        os.close(pressed)
+
+
+def test_real_time_priority_is_given_back_or_refused_in_a_sentence() -> None:
+    before = os.sched_getscheduler(0)
+    with pytest.raises(SealegsError, match="between 1 and 99"), realtime(0):
+        pass
+    try:
+        with realtime(1):
+            assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+    except SealegsError as error:
+        assert "rtprio" in str(error)
+    assert os.sched_getscheduler(0) == before
+    with realtime(None):
+        assert os.sched_getscheduler(0) == before
+
+
+# --- how torque comes on --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("latency", [0.001, 0.016])
+def test_a_joint_that_a_hand_moves_while_torque_comes_on_does_not_jump_back(
+    latency: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = Simulation("row", latency=latency, limits={"speed": 200.0})
+    machine, last = simulation.rig.machine, simulation.rig.servos[3]
+    starting, goals = simulation.guard.starting, list[float]()
+
+    def moved() -> bool:
+        if sum(simulation.torque) == 2:  # the third servo is next, the last one after it
+            machine.drivetrain.set_position(machine.names[3], machine.data.qpos, np.asarray(0.4))
+        return starting()
+
+    def noted() -> None:
+        goals.append(float(last.goal_steps() - last.sensors.steps) * last.model.step)
+
+    monkeypatch.setattr(simulation.guard, "starting", moved)
+    simulation.loop.each_cycle = noted
+    assert simulation.run(0.1).fault is None
+    assert abs(goals[0]) < 0.1, "it begins where the hand left it, but for what it swings"
+
+
+# --- a dead-man's switch --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pipe() -> Iterator[tuple[int, int]]:
+    reader, writer = os.pipe()
+    yield reader, writer
+    os.close(reader)
+    os.close(writer)
+
+
+def test_without_anybody_at_the_dead_mans_switch_no_torque_comes_on(pipe: tuple[int, int]) -> None:
+    times = iter(np.arange(0.0, 100.0, 0.5))
+    switch = DeadMan(pipe[0], lambda: float(next(times)))
+    simulation = Simulation("row", armed=switch.armed, each_cycle=switch)
+    outcome = simulation.run(1.0)
+    assert outcome.ending == "stopped" and outcome.reason == "space was not pressed within 5 s"
+    assert not simulation.switched_on
+
+
+def test_a_wait_for_the_dead_mans_switch_is_ended_by_a_person(pipe: tuple[int, int]) -> None:
+    switch = DeadMan(pipe[0], lambda: 0.0)
+    asked = iter([False, False, True])
+    assert switch.armed(lambda: next(asked)) is None and next(asked, None) is None
+
+
+def test_a_dead_mans_switch_let_go_while_torque_comes_on_lets_no_further_servo_have_it(pipe: tuple[int, int]) -> None:
+    on: list[Simulation] = []
+    switch = DeadMan(pipe[0], lambda: 1.0 if on and sum(on[0].torque) == 2 else 0.0)
+    os.write(pipe[1], b" ")
+    on.append(Simulation("row", armed=switch.armed, each_cycle=switch))
+    assert on[0].run(1.0).reason == LET_GO
+    assert len([True for _, _, torque in on[0].rig.history if torque]) == 2 and not any(on[0].torque)

@@ -4,50 +4,53 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.actuators import load_chain
 from sealegs.commands import deploy
-from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.emergency import emergency_stop
-from sealegs.hw.guard.safety import Limits, Safety
-from sealegs.hw.guard.stop import Stop
 from sealegs.hw.guard.supervisor import Charge, Supervisor
-from sealegs.hw.machine.following import ability
-from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run.commands import Trajectory, park_motion
 from sealegs.hw.run.live import picture
-from sealegs.hw.run.loop import ControlLoop
 from sealegs.hw.run.measured_log import read_events
-from sealegs.hw.run.realtime import realtime
 from sealegs.hw.virtual import VirtualBus
 
-from tests.servo_runs import PATIENT, config
-from tests.simulated_runs import BEYOND_LIMITS, Simulation, sine, when_torque_came_on
-from tests.waiting import GIVE_UP, wait_until
+from tests.servo_runs import PATIENT
+from tests.simulated_runs import LEGS, QUIET, XL330, Simulation, sine, when_torque_came_on
+from tests.waiting import wait_until
 
+HOPPERS = {"feetech": (), "dynamixel": LEGS}
+"""What makes a hopper one of a maker."""
+MAKERS = {"feetech": (), "dynamixel": XL330}
+"""What makes a bench one of a maker."""
+makers = pytest.mark.parametrize("maker", MAKERS)
 AWAY = sine(offset=0.9)
 """A start that the robot must first be brought to."""
+BEYOND_LIMITS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({"kind": "brown_out", "value": 5.5}, {}, "voltage"),
+    ({"kind": "overheat", "value": 68.0}, {}, "temperature"),
+    ({"kind": "overheat", "value": 75.0}, {}, "OverheatFault"),
+    ({"kind": "drop", "count": 0}, {"voltage_low": 7.6}, "voltage"),
+]
+"""Faults, limits of the loop where they are others, and what is named before torque comes on."""
 
 
-# --- on the way to the start -------------------------------------------------------------------------------------
+# --- on the way to the start ----------------------------------------------------------------------------------
 
 
+@makers
 @pytest.mark.parametrize(
     ("fault", "name"), [({"kind": "silence"}, "NoReplyError"), ({"kind": "unplug"}, "UnpluggedError")]
 )
 def test_a_failure_on_the_way_to_the_start_is_reported_and_torque_that_may_be_on_is_said(
-    fault: dict[str, Any], name: str
+    fault: dict[str, Any], name: str, maker: str
 ) -> None:
-    simulation = Simulation(commands=AWAY, faults=[{**fault, "at": 0.28}])
+    simulation = Simulation("bench", *MAKERS[maker], commands=AWAY, faults=[{**fault, "at": 0.28}])
     outcome = simulation.run()
     assert outcome.ending == "fault" and outcome.fault is not None and outcome.fault.name == name
     assert outcome.fault.sentence.startswith("on the way to the start:")
@@ -96,7 +99,7 @@ def test_an_exception_ends_in_the_release_and_its_report(silent: bool) -> None:
     assert any("TORQUE MAY BE ON" in line for _, line in simulation.said) == silent
 
 
-# --- a release that fails ----------------------------------------------------------------------------------------
+# --- a release that fails -------------------------------------------------------------------------------------
 
 
 def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_waits(
@@ -152,7 +155,7 @@ def test_the_view_is_stale_once_the_release_has_failed() -> None:
     assert "STALE (NOT AT REST)" in str(views[1].title) and "TORQUE MAY BE ON" in str(views[1].caption)
 
 
-# --- torque that is lost -----------------------------------------------------------------------------------------
+# --- torque that is lost --------------------------------------------------------------------------------------
 
 
 def test_why_a_run_stops_is_said_before_anything_that_takes_time() -> None:
@@ -166,14 +169,22 @@ def test_why_a_run_stops_is_said_before_anything_that_takes_time() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("rate", [20.0, 100.0, 250.0])
+@pytest.mark.parametrize(
+    ("maker", "rate"),
+    [*(("feetech", rate) for rate in (20.0, 100.0, 250.0)), *(("dynamixel", rate) for rate in (20.0, 100.0))],
+)
 @pytest.mark.parametrize(
     ("fault", "name"),
     [({"kind": "restart", "value": 0.015}, "restart"), ({"kind": "limp"}, "torque")],
 )
-def test_a_servo_that_lost_its_torque_is_named_within_100_ms(fault: dict[str, Any], name: str, rate: float) -> None:
+def test_a_servo_that_lost_its_torque_is_named_within_100_ms(
+    fault: dict[str, Any], name: str, maker: str, rate: float
+) -> None:
     limits = {"range_margin": 3.0, "speed": 200.0}
-    simulation = Simulation("hopper", rate=rate, limits=limits, faults=[{**fault, "servos": [2], "at": 2.0}])
+    faults = [{**fault, "servos": [2], "at": 2.0}]
+    calm = {} if maker == "feetech" else {"commands": sine(0.1)}
+    limits |= {"following_error": 9.0} if calm else {}
+    simulation = Simulation("hopper", *HOPPERS[maker], rate=rate, limits=limits, faults=faults, **calm)
     outcome = simulation.run(5.0)
     assert outcome.ending == "fault" and outcome.fault is not None
     assert (outcome.fault.name, outcome.fault.servos) == (name, (2,)) and "servo 2 has" in outcome.fault.sentence
@@ -195,78 +206,25 @@ def test_a_restart_is_named_though_the_servo_has_torque_again() -> None:
     assert not any(simulation.torque) and simulation.loop.elapsed - at < 0.2
 
 
-# --- joints that do not follow -----------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("amplitude", [0.06, 0.3, 1.0])
-@pytest.mark.parametrize("at", [1.0, 1.9, 2.6])
-def test_a_frozen_encoder_ends_the_run_within_two_thirds_of_a_period(amplitude: float, at: float) -> None:
-    frozen = {"kind": "frozen", "at": at + 1.0}
-    simulation = Simulation(commands=sine(amplitude), faults=[frozen], limits={"range_margin": 9.0})
-    outcome = simulation.run(12.0)
-    assert outcome.fault is not None and outcome.fault.name in ("following", "frozen") and simulation.torque == [False]
-    assert simulation.port.now() - at - 1.0 < 1.4, "of a sine of 0.5 Hz"
-
-
-@pytest.mark.long
-def test_a_joint_that_follows_is_left_alone_however_it_is_driven() -> None:
-    for commands in (sine(0.9, 0.3), sine(0.5, 4.0), sine(0.9, 1.5)):
-        assert Simulation(commands=commands, limits={"speed": 100.0}).run(6.0).ending == "finished"
-
-
-@pytest.mark.long
-def test_a_joint_behind_its_goal_may_be_logged_before_it_stops(tmp_path: Path) -> None:
-    frozen = {"kind": "frozen", "at": 2.0, "seconds": 2.0}
-    limits = {"range_margin": 9.0, "speed": 99.0, "log_only": ["following"]}
-    simulation = Simulation(faults=[frozen], limits=limits, folder=tmp_path)
-    assert simulation.run(6.0).ending == "finished"
-    noted = [event for event in read_events(tmp_path / "run.csv") if event["event"] == "limit"]
-    assert {event["name"] for event in noted} <= {"following", "frozen"} and 1 <= len(noted) <= 6
-
-
-def test_the_limits_of_following_come_from_the_servos_chain() -> None:
-    servo, small = (ability(load_chain(name)) for name in ("sts3215", "xl330"))
-    assert servo.error == pytest.approx(0.97 / 5.3) and servo.speed == pytest.approx(0.97 * 7.4 / 1.2)
-    assert small.error == pytest.approx(1.0 / 1.151) and small.speed == pytest.approx(7.4 / 0.41)
-
-
-@pytest.mark.long
-def test_a_goal_jumps_no_further_than_its_speed_allows_and_may_not_jump_for_long() -> None:
-    def wild(robot: Any) -> Trajectory:
-        time = np.arange(0.0, 10.0, 0.01)
-        return Trajectory("wild", time, 0.9 * np.where(np.arange(len(time)) % 2, 1.0, -1.0)[:, None])
-
-    simulation = Simulation(commands=wild, limits={"speed": 100.0})
-    sent: list[np.ndarray] = []
-    simulation.loop.each_cycle = lambda: sent.append(simulation.loop.sent) if simulation.loop.elapsed else None
-    outcome = simulation.run(5.0)
-    assert outcome.fault is not None and outcome.fault.name == "goal_speed" and outcome.cut["speed"] > 10
-    assert np.abs(np.diff(np.array(sent)[-20:, 0])).max() < 0.24, "four times the no-load speed, in a cycle"
-    limits = {"speed": 100.0, "current": 99.0, "log_only": ["goal_speed", "following"]}
-    outcome = Simulation(commands=wild, limits=limits).run(1.5)
-    assert outcome.ending == "finished" and outcome.cut["speed"] == 0, outcome.fault
-
-
-# --- replies that are lost ---------------------------------------------------------------------------------------
-
-QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
-"""For a hopper that falls over: what is tested is the bus."""
+# --- replies that are lost ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("servos", "minutes"), [(4, 0.1), *(pytest.param(count, 10.0, marks=pytest.mark.weekly) for count in (6, 12))]
 )
 def test_one_lost_reply_in_a_hundred_is_survived_with_every_servo_inside_its_limits(
-    servos: int, minutes: float
+    servos: int, minutes: float, tmp_path: Path
 ) -> None:
     loss = {"kind": "drop", "probability": 0.01}
-    simulation = Simulation("row", commands=sine(0.4, 0.7), faults=[loss], servos=servos)  # limits of configs/robot
+    simulation = Simulation(
+        "row", commands=sine(0.4, 0.7), faults=[loss], servos=servos, folder=tmp_path
+    )  # limits of configs/robot
     outcome = simulation.run(60.0 * minutes)
     assert outcome.ending == "finished", outcome.fault
     assert outcome.bus["NoReplyError"] > 50 * servos * minutes, "a hundred cycles a second"
     assert outcome.timing.cycles == pytest.approx(6000 * minutes, rel=1e-2)
     assert outcome.timing.overrun_share < 0.01, "a second try has its time within the cycle"
+    assert not any(event["event"] == "missed" for event in read_events(tmp_path / "run.csv"))
     assert not any(simulation.torque) and simulation.said == [] and outcome.cut == {"range": 0, "speed": 0}
 
 
@@ -301,7 +259,7 @@ def test_a_lost_reply_is_waited_for_as_long_as_round_trips_take_and_not_for_the_
     assert state.missing == () and simulation.port.now() - begun < 0.008 and bus.counts["NoReplyError"] == 1
 
 
-# --- a rate that cannot be kept ----------------------------------------------------------------------------------
+# --- a rate that cannot be kept -------------------------------------------------------------------------------
 
 
 @pytest.mark.long
@@ -318,6 +276,10 @@ def test_a_slow_adapter_is_named_before_torque_comes_on_with_the_command_that_me
     assert said < when_torque_came_on(simulation)
     assert "takes 16" in line and "rate=42" in line
     assert "echo 1 | sudo tee" in line and "ttyUSB7/latency_timer" in line
+    dynamixel_too = Simulation("bench", *XL330, latency=0.016)
+    dynamixel_too.run(1.0)
+    said, line = dynamixel_too.said[0]
+    assert said < when_torque_came_on(dynamixel_too) and "takes 16" in line
     strict = Simulation(latency=0.016, overruns="stop")
     outcome = strict.run(1.0)
     assert outcome.fault is not None and outcome.fault.name == "slow" and not strict.switched_on
@@ -345,12 +307,15 @@ def test_a_single_stall_is_no_sustained_overrun() -> None:
     assert simulation.run(4.0).ending == "finished" and simulation.said == []
 
 
-# --- before torque, and beside the motion ------------------------------------------------------------------------
+# --- before torque, and beside the motion ---------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("maker", ["feetech", pytest.param("dynamixel", marks=pytest.mark.long)])
 @pytest.mark.parametrize(("fault", "limits", "name"), BEYOND_LIMITS)
-def test_limits_are_judged_before_torque_comes_on(fault: dict[str, Any], limits: dict[str, Any], name: str) -> None:
-    simulation = Simulation(faults=[fault], limits=limits)
+def test_limits_are_judged_before_torque_comes_on(
+    fault: dict[str, Any], limits: dict[str, Any], name: str, maker: str
+) -> None:
+    simulation = Simulation("bench", *MAKERS[maker], faults=[fault], limits=limits)
     outcome = simulation.run()
     assert outcome.fault is not None and outcome.fault.name == name and not simulation.switched_on
     assert outcome.fault.sentence.startswith("before torque came on:")
@@ -398,22 +363,27 @@ def test_a_disk_that_takes_half_a_row_leaves_a_log_that_reads_back(
     assert len(read_measured(tmp_path / "run.csv").runs[0].time) == simulation.log.rows > 50
 
 
-# --- how it ends -------------------------------------------------------------------------------------------------
+# --- how it ends ----------------------------------------------------------------------------------------------
 
 
-def parked(**keys: Any) -> Simulation:
+def parked(*robot: str, **keys: Any) -> Simulation:
     def made(robot: Any) -> Any:
         return sine(0.3)(robot)
 
-    simulation = Simulation(commands=made, **keys)
+    simulation = Simulation("bench", *robot, commands=made, **keys)
     simulation.loop.park = park_motion({"joint": -0.9}, simulation.robot)
     return simulation
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("stopped", [False, True])
-def test_a_robot_sits_down_before_it_is_released(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    simulation = parked()
+@pytest.mark.parametrize(
+    ("maker", "stopped", "within"),
+    [("feetech", False, 0.1), ("feetech", True, 0.1), ("dynamixel", False, 0.12)],
+)
+def test_a_robot_sits_down_before_it_is_released(
+    maker: str, stopped: bool, within: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = parked(*MAKERS[maker])
     if stopped:
         asks = iter(["enough"])
         simulation.loop.each_cycle = lambda: (
@@ -431,7 +401,7 @@ def test_a_robot_sits_down_before_it_is_released(stopped: bool, monkeypatch: pyt
     monkeypatch.setattr(simulation.guard, "beat", noted)
     outcome = simulation.run(2.0)
     assert outcome.ending == ("stopped" if stopped else "finished") and simulation.torque == [False]
-    assert places[-1] == pytest.approx(-0.9, abs=0.1), "it is at its park pose when torque goes off"
+    assert places[-1] == pytest.approx(-0.9, abs=within), "it is at its park pose when torque goes off"
     assert np.abs(np.diff(places)).max() < 0.05, "without a jump"
 
 
@@ -456,10 +426,18 @@ def test_a_further_stop_and_a_fault_cut_the_way_down_short(monkeypatch: pytest.M
     assert outcome.fault.sentence.startswith("while sitting down:")
 
 
-def test_servos_that_are_held_are_left_to_the_supervisor() -> None:
-    simulation = Simulation(rest="hold")
+@makers
+@pytest.mark.parametrize("stopped", [False, True])
+def test_servos_that_are_held_are_left_to_the_supervisor(maker: str, stopped: bool) -> None:
+    simulation = Simulation("bench", *MAKERS[maker], rest="hold")
+    if stopped:
+        simulation.loop.each_cycle = lambda: simulation.stop.ask("enough") if simulation.loop.elapsed > 0.5 else None
     outcome = simulation.run(1.0)
-    assert outcome.rest == "hold" and simulation.torque == [True] and simulation.loop.holder == 4711
+    assert (outcome.ending, outcome.rest) == ("stopped" if stopped else "finished", "hold")
+    assert simulation.torque == [True] and simulation.loop.holder == 4711
+    if maker == "dynamixel":
+        simulation.port.sleep(1.0)
+        assert simulation.rig.servos[0].get("bus_watchdog") == 0, "nobody asks it any more, and it holds"
 
 
 @pytest.mark.long
@@ -489,55 +467,3 @@ def test_the_supervisor_watches_servos_that_are_held_and_releases_them(how: str,
         virtual.fault("overheat") if how == "fault" else os.kill(holder, signal.SIGTERM)
         wait_until(lambda: not virtual.status()["servos"]["1"]["torque"] and events.is_file())
         assert ("hotter" if how == "fault" else "was asked to end.") in events.read_text()
-
-
-# --- emergency stop ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("closed", [False, True])
-def test_an_emergency_stop_acts_in_the_middle_of_a_cycle(closed: bool) -> None:
-    button, pressed = os.pipe()
-    with VirtualBus(robot="bench") as virtual:
-        bus = ServoBus(virtual.port, timeout=0.5)
-        robot = build_robot(config()["robot"])
-        limits = Limits.from_config({**config()["robot"]["safety"], "following_error": 9.0})
-        stop = Stop()
-        loop = ControlLoop(
-            bus, robot, Safety(robot, limits, 2.0), sine(0.1)(robot), 0.5, stop=stop, rest="hold", overruns="log"
-        )
-        released: list[int] = []  # the cycle in which torque went off
-
-        def release() -> object:
-            failed = bus.torque_off(robot.ids)
-            released.append(loop.counts[0])
-            return failed
-
-        with emergency_stop(button, stop, release):
-            thread = threading.Thread(target=loop.run, args=(1000.0,))
-            thread.start()
-            wait_until(lambda: loop.counts[0] >= 1, thread)
-            cycle = loop.counts[0]
-            os.close(pressed) if closed else os.write(pressed, b"!")
-            wait_until(lambda: not virtual.status()["servos"]["1"]["torque"])
-            thread.join(GIVE_UP)
-        assert released[0] == cycle, "a cycle has two seconds"
-        assert loop.outcome is not None and (loop.outcome.ending, loop.outcome.rest) == ("stopped", "release")
-        assert loop.outcome.reason == "the emergency stop was pressed" and loop.outcome.not_at_rest == {}
-    os.close(button)
-    if not closed:
-        os.close(pressed)
-
-
-def test_real_time_priority_is_given_back_or_refused_in_a_sentence() -> None:
-    before = os.sched_getscheduler(0)
-    with pytest.raises(SealegsError, match="between 1 and 99"), realtime(0):
-        pass
-    try:
-        with realtime(1):
-            assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
-    except SealegsError as error:
-        assert "rtprio" in str(error)
-    assert os.sched_getscheduler(0) == before
-    with realtime(None):
-        assert os.sched_getscheduler(0) == before

@@ -22,12 +22,46 @@ from sealegs.hw.run.commands import PolicyCommands, Reference, park_motion
 from sealegs.hw.run.deployment import Run, at_rest_sentence
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.policy import Policy
-from sealegs.hw.virtual.faults import Fault
+from sealegs.hw.virtual.faults import KINDS, Fault
 
-from tests.committed_policies import committed
-from tests.random_faults import SPAN, pace, schedule
-from tests.servo_runs import config, gentle_policy
-from tests.simulated_runs import Simulation, TimedPolicy, sine
+from tests.servo_runs import committed, config, gentle_policy
+from tests.simulated_runs import QUIET, XL330, Simulation, TimedPolicy, sine
+
+SPAN = 2.5  # [s] of the machine's clock, the way to the start included
+
+
+def schedule(random: np.random.Generator, servos: list[int]) -> list[dict[str, Any]]:
+    """One to three faults, some for good, some of all servos, some that spoil only a part of the replies."""
+    faults = []
+    for _ in range(random.integers(1, 4)):
+        fault: dict[str, Any] = {"kind": str(random.choice(list(KINDS))), "at": float(random.uniform(0.0, SPAN))}
+        if random.random() < 0.6:
+            fault["seconds"] = float(random.uniform(0.005, 1.0))
+        if random.random() < 0.7:
+            fault["servos"] = [int(random.choice(servos))]
+        if random.random() < 0.5:
+            fault["probability"] = float(random.uniform(0.005, 1.0))
+        if fault["kind"] == "late":
+            fault["delay"] = float(random.uniform(0.001, 0.1))
+        if fault["kind"] == "brown_out":
+            fault["value"] = float(random.uniform(1.0, 7.0))
+        if fault["kind"] == "restart":
+            fault["value"] = float(random.uniform(0.0, 1.0))
+        if fault["kind"] == "unplug" and "seconds" in fault and random.random() < 0.5:
+            fault["name"] = f"/dev/again{len(faults)}"
+        faults.append(fault)
+    return faults
+
+
+def pace(random: np.random.Generator, period: float) -> dict[str, Any]:
+    """Time that each call of a policy takes [s]: mostly none, else more than a period, or long and once."""
+    drawn = random.random()
+    if drawn < 0.25:
+        return {"seconds": float(random.uniform(1.0, 2.0)) * period}
+    if drawn < 0.45:
+        return {"blocks": (int(random.integers(1, 150)), float(random.uniform(0.05, 1.5)))}
+    return {}
+
 
 ANSWERS = 5  # in a row, by which a servo counts as reachable
 PATIENCE = SPAN + 1.5  # [s] that the supervisor tries: past the end of every fault that ends
@@ -57,7 +91,7 @@ def rest_of(random: np.random.Generator) -> Rest:
 
 FEETECH = {"bench": (), "hopper": (), "row": ()}
 DYNAMIXEL = {
-    "bench": ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05"),
+    "bench": XL330,
     "hopper": ("robot.servo=xl330_m288",),  # a motor of the XL330 does not hold this leg: its own chain
 }
 """Robots of each maker, with the arguments that make them his."""
@@ -111,7 +145,6 @@ TWO = {
     "dynamixel": ("robot.actuator=sts3215", "robot.buses={knee: {servo: xl330_m288, joints: [knee]}}"),
 }
 """Makers of the second adapter of a hopper."""
-QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
 
 
 def run_of_two(seed: int, folder: Path) -> Simulation:

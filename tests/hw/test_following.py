@@ -1,4 +1,4 @@
-"""Joints that do not follow: blocked or blind ones are named, loaded and slow ones are left alone."""
+"""Joints that do not follow: blocked or blind ones are named, loaded and slow ones left alone, jumps are cut."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.hw.machine.following import Ability, Following
+from sealegs.actuators import load_chain
+from sealegs.hw.machine.following import Ability, Following, ability
 from sealegs.hw.run.commands import Trajectory
+from sealegs.hw.run.measured_log import read_events
 
-from tests.simulated_runs import Simulation, sine
+from tests.simulated_runs import XL330, Simulation, sine
 
-XL330 = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05")
 LOOSE = {"range_margin": 9.0, "speed": 99.0, "current": 99.0}
 """Limits other than those of following."""
 
@@ -79,3 +80,53 @@ def test_a_joint_that_is_told_to_stand_still_is_not_taken_for_blind() -> None:
 
     outcome = Simulation(commands=step, limits=LOOSE).run(4.0)
     assert outcome.ending == "finished", outcome.fault
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("amplitude", [0.06, 0.3, 1.0])
+@pytest.mark.parametrize("at", [1.0, 1.9, 2.6])
+def test_a_frozen_encoder_ends_the_run_within_two_thirds_of_a_period(amplitude: float, at: float) -> None:
+    frozen = {"kind": "frozen", "at": at + 1.0}
+    simulation = Simulation(commands=sine(amplitude), faults=[frozen], limits={"range_margin": 9.0})
+    outcome = simulation.run(12.0)
+    assert outcome.fault is not None and outcome.fault.name in ("following", "frozen") and simulation.torque == [False]
+    assert simulation.port.now() - at - 1.0 < 1.4, "of a sine of 0.5 Hz"
+
+
+@pytest.mark.long
+def test_a_joint_that_follows_is_left_alone_however_it_is_driven() -> None:
+    for commands in (sine(0.9, 0.3), sine(0.5, 4.0), sine(0.9, 1.5)):
+        assert Simulation(commands=commands, limits={"speed": 100.0}).run(6.0).ending == "finished"
+
+
+@pytest.mark.long
+def test_a_joint_behind_its_goal_may_be_logged_before_it_stops(tmp_path: Path) -> None:
+    frozen = {"kind": "frozen", "at": 2.0, "seconds": 2.0}
+    limits = {"range_margin": 9.0, "speed": 99.0, "log_only": ["following"]}
+    simulation = Simulation(faults=[frozen], limits=limits, folder=tmp_path)
+    assert simulation.run(6.0).ending == "finished"
+    noted = [event for event in read_events(tmp_path / "run.csv") if event["event"] == "limit"]
+    assert {event["name"] for event in noted} <= {"following", "frozen"} and 1 <= len(noted) <= 6
+
+
+def test_the_limits_of_following_come_from_the_servos_chain() -> None:
+    servo, small = (ability(load_chain(name)) for name in ("sts3215", "xl330"))
+    assert servo.error == pytest.approx(0.97 / 5.3) and servo.speed == pytest.approx(0.97 * 7.4 / 1.2)
+    assert small.error == pytest.approx(1.0 / 1.151) and small.speed == pytest.approx(7.4 / 0.41)
+
+
+@pytest.mark.long
+def test_a_goal_jumps_no_further_than_its_speed_allows_and_may_not_jump_for_long() -> None:
+    def wild(robot: Any) -> Trajectory:
+        time = np.arange(0.0, 10.0, 0.01)
+        return Trajectory("wild", time, 0.9 * np.where(np.arange(len(time)) % 2, 1.0, -1.0)[:, None])
+
+    simulation = Simulation(commands=wild, limits={"speed": 100.0})
+    sent: list[np.ndarray] = []
+    simulation.loop.each_cycle = lambda: sent.append(simulation.loop.sent) if simulation.loop.elapsed else None
+    outcome = simulation.run(5.0)
+    assert outcome.fault is not None and outcome.fault.name == "goal_speed" and outcome.cut["speed"] > 10
+    assert np.abs(np.diff(np.array(sent)[-20:, 0])).max() < 0.24, "four times the no-load speed, in a cycle"
+    limits = {"speed": 100.0, "current": 99.0, "log_only": ["goal_speed", "following"]}
+    outcome = Simulation(commands=wild, limits=limits).run(1.5)
+    assert outcome.ending == "finished" and outcome.cut["speed"] == 0, outcome.fault

@@ -1,7 +1,8 @@
-"""On servos a policy sees what it saw in training, also where a reading was missed."""
+"""On servos a policy sees what it saw in training; every committed policy can be deployed."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
+from sealegs.configs.compose import compose
+from sealegs.envs import ENVIRONMENTS
 from sealegs.envs.contract import make_contract, start_pose
 from sealegs.envs.engine.sb3 import BatchVecEnv
+from sealegs.hw.guard.safety import Limits, Safety
 from sealegs.hw.machine.robot import Reading, build_robot
 from sealegs.hw.run.observer import Observer
 from sealegs.hw.run.policy import Policy
+from sealegs.hw.virtual.__main__ import build
 from sealegs.hw.virtual.in_process import bus_in_process
 
-from tests.servo_runs import config, gentle_policy
+from benchmarks.policies_on_the_bus import on_the_bus
+from tests.servo_runs import POLICIES, committed, config, gentle_policy
 
 PERIOD = 0.02
 
@@ -147,3 +153,33 @@ def test_a_command_that_the_policy_was_not_trained_on_is_refused(speed: Any, wro
         assert Observer(contract, robot, np.array([allowed])).command == [allowed]
     with pytest.raises(SealegsError, match=says):
         Observer(contract, robot, np.array([wrong]))
+
+
+KINDS = sorted(path.parent.name for path in POLICIES.glob("*/seed0"))
+
+
+@pytest.mark.parametrize("name", sorted(item.lower() for item in ENVIRONMENTS))
+def test_every_robot_of_the_collection_is_known_to_deploy(name: str) -> None:
+    config = compose("deploy", {"robot": name})["robot"]
+    robot = build_robot(config)
+    assert robot.robot.name == name and len(robot.chains) == len(robot.joints)
+    Safety(robot, Limits.from_config(config["safety"]), 0.01)
+
+
+def test_a_virtual_bus_takes_the_robots_own_words_for_its_chains() -> None:
+    with build(compose("virtual", {"robot": "leg", "actuator": "silo4_pd"})) as server:
+        assert len(server.wire.servos) == 3
+
+
+def test_no_committed_policy_is_for_another_robot() -> None:
+    rows = [json.loads((POLICIES / kind / "seed0" / "policy.json").read_text()) for kind in KINDS]
+    robots = {row["env"]["id"].removeprefix("SeaLegs/").removesuffix("-v0") for row in rows}
+    assert robots and robots <= set(ENVIRONMENTS)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_committed_policy_runs_on_the_virtual_bus_of_its_robot(kind: str) -> None:
+    policy = committed(kind)
+    found = on_the_bus(policy.contract.robot, policy, 2.0)
+    assert found["ending"] == "finished" and found["seconds"] > 0.9, found

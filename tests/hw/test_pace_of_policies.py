@@ -1,4 +1,4 @@
-"""A policy that is slower than its period: told before torque comes on, named, and no period is caught up."""
+"""A policy or adapter slower than its period: told before torque comes on, named, and no period is caught up."""
 
 from __future__ import annotations
 
@@ -13,26 +13,29 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
+from sealegs.gap.log import read_measured
 from sealegs.hw.bus.clock import Timing
-from sealegs.hw.machine.robot import build_robot
-from sealegs.hw.run import deployment
-from sealegs.hw.run.commands import PolicyCommands
+from sealegs.hw.bus.registers import load_model
+from sealegs.hw.machine.limits import Limits
+from sealegs.hw.machine.robot import ServoRobot, build_robot
+from sealegs.hw.run import deployment, pace
+from sealegs.hw.run.commands import PolicyCommands, Trajectory
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.outcome import Outcome
 from sealegs.hw.run.pace import not_kept
 from sealegs.hw.run.policy import Policy
+from sealegs.hw.run.simulated import Recording, simulate
 from sealegs.hw.virtual.in_process import bus_in_process
 
-from tests.servo_runs import gentle_policy
-from tests.simulated_runs import Simulation, TimedPolicy
+from tests.servo_runs import config, gentle_policy
+from tests.simulated_runs import QUIET, Simulation, TimedPolicy, sine
 
 PERIOD = 0.02
-LOOSE = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
 
 
 def rig(stub: Any, **keys: Any) -> Simulation:
     """The bench with a policy on it, on a clock that the policy's calls move too."""
-    made = Simulation(commands=lambda robot: PolicyCommands(stub, robot), rate=1.0 / PERIOD, limits=LOOSE, **keys)
+    made = Simulation(commands=lambda robot: PolicyCommands(stub, robot), rate=1.0 / PERIOD, limits=QUIET, **keys)
     stub.sleep = made.port.sleep
     return made
 
@@ -239,3 +242,88 @@ def test_a_policy_that_was_not_asked_at_its_rate_did_not_run(
         return
     with pytest.raises(SealegsError, match=r"100 % of 100 cycles came too late.*the servos are released"):
         deployment.report(deployed, deployment.Run(outcome, tmp_path / "run.csv"))
+
+
+RATE, SECONDS, DELAY = 50.0, 0.8, 0.012
+
+
+class Late(Trajectory):
+    """A step whose goals go out a fixed time after the reading that they follow from."""
+
+    def __init__(self, delay: float) -> None:
+        time = np.arange(0.0, SECONDS, 1.0 / RATE)
+        super().__init__("late", time, np.where(time < 0.3, 0.0, 0.4)[:, None])
+        self.delay = delay
+
+
+def simulated(delay: float) -> Recording:
+    settings = config()["robot"]
+    return simulate(build_robot(settings), Late(delay), Limits.from_config(settings["safety"]), RATE, SECONDS)
+
+
+def test_a_simulated_run_keeps_the_delay_of_its_commands() -> None:
+    prompt, late = simulated(0.0), simulated(DELAY)
+    assert late.sent - late.time == pytest.approx(np.full(len(late.time), DELAY), abs=2e-4), "time of the goals' bytes"
+    period = pytest.approx(np.full(len(late.time) - 1, 1.0 / RATE), abs=3e-4)  # some readings ask for more
+    assert np.diff(late.time) == period, "the rate is kept"
+    behind = prompt.position - late.position
+    assert behind.max() > 0.02 and behind.min() > -0.05, "the same motion, later"
+
+
+@pytest.mark.long
+def test_a_run_in_stepped_time_keeps_the_delay_as_a_simulated_one_does(tmp_path: Path) -> None:
+    """It was simulated and run without it, and compared with servos that had it."""
+    settings = config("hw.virtual.time=stepped", "silence=20", f"rate={RATE}", f"out={tmp_path}", "name=run")
+
+    def source(_: ServoRobot) -> Late:
+        return Late(DELAY)
+
+    done = deployment.run(deployment.prepare(settings, source), lambda _: None)
+    assert done is not None and done.outcome.ending == "finished"
+    log = read_measured(done.log).runs[0]
+    assert log.host["goal_sent"] - log.time == pytest.approx(np.full(len(log.time), DELAY), abs=2e-4)
+    assert np.diff(log.time) == pytest.approx(np.full(len(log.time) - 1, 1.0 / RATE), abs=3e-4)
+    moved, late = log.joints["joint"].position, simulated(DELAY).position[:, 0]
+    prompt = simulated(0.0).position[:, 0]
+    assert np.abs(moved - late).max() < 0.01 < 0.02 < np.abs(moved - prompt).max()
+
+
+# --- adapters that are slow ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("latency", [0.0045, 0.012])
+def test_an_adapter_that_becomes_slower_for_good_is_waited_for(latency: float) -> None:
+    simulation = Simulation(latency=0.001, commands=sine(0.1), limits=QUIET)
+
+    def slower() -> None:
+        simulation.port.latency = 0.001 if simulation.loop.elapsed < 1.0 else latency
+
+    simulation.loop.each_cycle = slower
+    outcome = simulation.run(3.0)
+    assert outcome.ending == "finished", outcome.fault
+    assert outcome.bus["NoReplyError"] < 20, "then its round trip is known"
+
+
+@pytest.mark.parametrize(("held", "mends"), [("16", True), ("1", False), (None, False)])
+def test_the_latency_timer_is_named_where_the_adapter_has_one_that_holds_bytes(
+    held: str | None, mends: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if held is not None:  # a CH340 has no such file
+        (tmp_path / "ttyUSB7").mkdir()
+        (tmp_path / "ttyUSB7" / "latency_timer").write_text(held + "\n")
+    monkeypatch.setattr(pace, "DEVICES", tmp_path)
+    said = pace.Pace(0.017, "/dev/ttyUSB7", load_model("sts3215")).too_slow(0.01)
+    assert said is not None and "rate=41" in said
+    assert (f"holds bytes for 16 ms, which `echo 1 | sudo tee {tmp_path}/ttyUSB7/latency_timer`" in said) == mends
+    assert ("higher baud rate" in said and "return_delay" in said) != mends
+
+
+@pytest.mark.parametrize(("model", "name"), [("sts3215", "return_delay:0"), ("xl330_m288", "return_delay_time:0")])
+def test_what_makes_replies_faster_is_named_as_this_make_calls_it(model: str, name: str) -> None:
+    said = pace.Pace(0.017, "/dev/ttyUSB7", load_model(model)).too_slow(0.01)
+    assert said is not None and f"sealegs scan port=/dev/ttyUSB7 servo={model} id=1 set={name})" in said
+
+
+def test_eighteen_servos_at_a_hundred_hertz_are_not_called_too_slow() -> None:
+    assert pace.Pace(0.0061, "/dev/ttyUSB7", load_model("sts3215")).too_slow(0.01) is None

@@ -83,16 +83,6 @@ def both(*changes: Change) -> Change:
     return change
 
 
-def without(side: str, name: str) -> Change:
-    def change(model: onnx.ModelProto) -> None:
-        items = getattr(model.graph, side)
-        kept = [item for item in items if item.name != name]
-        del items[:]
-        items.extend(kept)
-
-    return change
-
-
 def more(model: onnx.ModelProto) -> None:
     model.graph.input.append(helper.make_tensor_value_info("image", FLOAT, [1, 3]))
 

@@ -14,8 +14,7 @@ from sealegs.hw.run.live import picture
 from sealegs.hw.run.measured_log import read_events
 
 from benchmarks import many_starts
-from tests.committed_policies import POLICIES, committed
-from tests.servo_runs import config
+from tests.servo_runs import POLICIES, committed, config
 from tests.simulated_runs import Simulation, sine
 
 KINDS = sorted(path.parent.name for path in POLICIES.glob("*/seed0"))

@@ -1,4 +1,4 @@
-"""A robot on two adapters, one of Feetech's and one of Dynamixels: one loop, and a fault on one releases all."""
+"""Sensors and further adapters of a robot's file: one loop for all, and a fault on one adapter releases all."""
 
 from __future__ import annotations
 
@@ -10,83 +10,31 @@ import numpy as np
 import pytest
 from sealegs.commands import deploy
 from sealegs.common.errors import SealegsError
+from sealegs.configs.compose import compose
 from sealegs.configs.script import run as run_script
-from sealegs.envs.robots import get_robot
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus.address import Address
-from sealegs.hw.bus.buses import BusGroup
-from sealegs.hw.bus.registers import ready_at
-from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.safety import Limits, Safety
+from sealegs.hw.machine.joints import CalibrationError, Sensor
+from sealegs.hw.machine.own_robot import own_robot
 from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run import connection
-from sealegs.hw.run.loop import ControlLoop
+from sealegs.hw.run.commands import Reference
 from sealegs.hw.run.measured_log import read_events
-from sealegs.hw.run.outcome import Outcome
-from sealegs.hw.virtual.faults import fault_from
-from sealegs.hw.virtual.machine import Machine
-from sealegs.hw.virtual.rig import Rig, mounts
-from sealegs.hw.virtual.simulated_port import SimulatedClock, SimulatedPort
-from sealegs.hw.virtual.wire import Wire
 
 from tests.servo_runs import PATIENT, config
-from tests.simulated_runs import sine
+from tests.simulated_runs import QUIET, Simulation, sine
 
 BUSES = "robot.buses={knee: {servo: xl330_m288, joints: [knee]}}"
-QUIET = {"range_margin": 9.0, "speed": 200.0, "following_error": 9.0, "current": 9.0}
 KNEE = Address(1, "knee", 1)
 
 
-class Both:
-    """A hopper in simulated time, its hip on a Feetech bus and its knee on one of Dynamixels."""
-
-    def __init__(self, faults: list[dict[str, Any]] | None = None, **keys: Any) -> None:
-        settings = config("robot=hopper", BUSES, "robot.actuator=sts3215", patient=False)["robot"]
-        self.robot = build_robot(settings)
-        machine = Machine(
-            get_robot("hopper"), "sts3215", None, {}, {s.name: abs(s.per_radian) for s in self.robot.sensors}
-        )
-        others = {line.name: line.model(self.robot.servo) for line in self.robot.lines if line.name}
-        placed = {
-            item.name: {"id": item.id, "zero": item.zero, "bus": item.line.name}
-            for item in (*self.robot.joints, *self.robot.sensors)
-        }
-        mounted = mounts(machine.encoders, placed, self.robot.servo, others)
-        registers = {name: ready_at(model, 1_000_000) for name, model in others.items()}
-        self.rig = Rig(machine, self.robot.servo, mounted, "torque", others=others, registers=registers)
-        rows = [fault_from(row) for row in faults or []]
-        again = [fault_from(row) for row in faults or []]
-        self.wires = {"": Wire(self.rig, rows), "knee": Wire(self.rig, again, bus="knee")}
-        clock = SimulatedClock(self.rig.time)
-        ports = {name: SimulatedPort(wire, clock=clock) for name, wire in self.wires.items()}
-        models = {"": self.robot.servo, **others}
-        parts = {
-            name: ServoBus("simulated", model=models[name].name, opened=port, watchdog=0.2)
-            for name, port in ports.items()
-        }
-        self.bus = BusGroup(parts, parallel=False)
-        self.said: list[str] = []
-        values = Limits.from_config({**settings["safety"], **QUIET})
-        self.loop = ControlLoop(
-            self.bus,
-            self.robot,
-            Safety(self.robot, values, 0.01),
-            sine(0.1)(self.robot),
-            100.0,
-            alarm=self.said.append,
-            **keys,
-        )
-
-    def run(self, seconds: float = 2.0) -> Outcome:
-        return self.loop.run(seconds)
-
-    @property
-    def torque(self) -> list[bool]:
-        return [self.rig.torque(k) for k in range(2)]
+def both_buses(*faults: dict[str, Any]) -> Simulation:
+    """A hopper with its hip on a Feetech bus and its knee on one of Dynamixels."""
+    return Simulation("hopper", BUSES, "robot.actuator=sts3215", commands=sine(0.1), limits=QUIET, faults=faults)
 
 
 def test_joints_are_on_the_buses_that_the_robots_file_names() -> None:
-    both = Both()
+    both = both_buses()
     assert both.robot.ids == [1, KNEE] and [str(servo) for servo in both.robot.ids] == ["1", "knee:1"]
     state = both.bus.read_state(both.robot.all_ids, whole=True)
     for k, servo in enumerate(both.rig.servos[:2]):
@@ -99,7 +47,7 @@ def test_joints_are_on_the_buses_that_the_robots_file_names() -> None:
 def test_dynamixels_on_a_further_bus_have_their_watchdog_whatever_the_first_bus_has(
     hw: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    both = Both()
+    both = both_buses()
     parts = both.bus.parts
     for part in parts.values():
         part.watchdog = None
@@ -112,7 +60,7 @@ def test_dynamixels_on_a_further_bus_have_their_watchdog_whatever_the_first_bus_
 
 
 def test_no_watchdog_stops_the_servos_of_one_bus_while_another_bus_gets_its_torque() -> None:
-    both = Both()
+    both = both_buses()
     knee_alone: list[bool] = []
 
     def slowly() -> bool:  # as 18 servos on an adapter that holds bytes take their time
@@ -127,7 +75,7 @@ def test_no_watchdog_stops_the_servos_of_one_bus_while_another_bus_gets_its_torq
 
 @pytest.mark.long
 def test_one_loop_runs_both_and_releases_both() -> None:
-    both = Both()
+    both = both_buses()
     before = [servo.sensors.steps for servo in both.rig.servos[:2]]
     outcome = both.run(3.0)
     assert outcome.ending == "finished" and both.torque == [False, False] and outcome.not_at_rest == {}, outcome.fault
@@ -144,7 +92,7 @@ REST = [(kind, bus) for kind in FAULTS for bus in ("", "knee") if (kind, bus) no
 def test_a_fault_on_one_adapter_releases_the_servos_on_both(kind: str, bus: str) -> None:
     servo = KNEE if bus else 1
     where = {} if kind == "unplug" else {"servos": [1]}
-    both = Both([{"kind": kind, "bus": bus, "at": 3.0, **where}])
+    both = both_buses({"kind": kind, "bus": bus, "at": 3.0, **where})
     outcome = both.run(6.0)
     assert outcome.fault is not None and outcome.fault.name == FAULTS[kind], outcome.fault
     if kind != "unplug":
@@ -155,7 +103,7 @@ def test_a_fault_on_one_adapter_releases_the_servos_on_both(kind: str, bus: str)
     assert 3.0 < last < 3.5
     lost = kind in ("silence", "unplug")
     assert list(outcome.not_at_rest) == ([servo] if lost else [])
-    assert any(f"TORQUE MAY BE ON at servo(s) {servo}" in line for line in both.said) == lost
+    assert any(f"TORQUE MAY BE ON at servo(s) {servo}" in line for _, line in both.said) == lost
 
 
 def test_a_bus_that_is_wrong_is_refused_in_a_sentence() -> None:
@@ -186,3 +134,70 @@ def test_deploy_runs_a_robot_on_two_virtual_adapters(tmp_path: Path, capsys: pyt
     assert set(run.joints) == {"hip", "knee"} and len(run.time) > 50
     events = read_events(tmp_path / "logs" / "run.csv")
     assert next(event for event in events if event["event"] == "torque on")["servos"] == [1, "knee:1"]
+
+
+def hopper(row: Any) -> tuple[Sensor, ...]:
+    """Sensors of a hopper whose file has one at the hip, with these keys."""
+    return build_robot({**compose("deploy", {"robot": "hopper"})["robot"], "sensors": {"hip.link": row}}).sensors
+
+
+def test_keys_of_a_sensor_count() -> None:
+    (sensor,) = hopper({"id": 9, "zero": 100, "per_radian": -0.5})
+    assert (sensor.id, sensor.zero, sensor.per_radian) == (9, 100, -0.5)
+
+
+def test_a_direction_of_a_sensor_is_refused_with_the_sign_to_write_in_its_place() -> None:
+    """An encoder that counts the other way was read as if it did not, and a policy saw its spring bend backwards."""
+    with pytest.raises(CalibrationError, match=r"robot\.sensors\.hip\.link\.direction is unknown: .*per_radian: -1"):
+        hopper({"id": 9, "direction": -1})
+
+
+def test_a_mistyped_key_of_a_sensor_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(CalibrationError, match=r"hip\.link\.zro is unknown \(did you mean 'zero'\?\); there are id, "):
+        hopper({"id": 9, "zro": 5})
+
+
+def test_a_sensor_without_its_id_is_refused_as_before() -> None:
+    for row in ({}, {"zero": 5}, 9, None):
+        with pytest.raises(CalibrationError, match="it needs an id, and takes zero, per_radian"):
+            hopper(row)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "says"),
+    [
+        ({"hipp.link": {"id": 3}}, r"hipp\.link measures nothing of this robot \(did you mean 'hip\.link'\?\)"),
+        ({"bse_x": {"id": 3}}, r"did you mean 'base_x'"),
+        ({"hip.link": {"id": 300}}, r"hip\.link\.id is 300; ids are 0 to 252"),
+        ({"hip.link": {"id": 3.9}}, r"hip\.link\.id takes a whole number, not 3\.9"),
+        ({"hip.link": {"id": 3, "zero": 1.5}}, r"hip\.link\.zero takes a whole number"),
+        ({"hip.link": {"id": 3, "per_radian": 0}}, r"per_radian is 0"),
+    ],
+)
+def test_a_sensor_of_nothing_or_nowhere_is_refused(sensors: dict[str, Any], says: str) -> None:
+    with pytest.raises(CalibrationError, match=says):
+        build_robot({**compose("deploy", {"robot": "hopper"})["robot"], "sensors": sensors})
+
+
+def test_the_reference_controller_needs_encoders_behind_the_springs() -> None:
+    config = compose("deploy", {"robot": "hopper"})["robot"]
+    Reference(build_robot(config))
+    for sensors, missing in (({}, "hip.link, knee.link"), ({"hip.link": {"id": 3}}, "knee.link")):
+        with pytest.raises(SealegsError, match=f"robot.sensors lacks {missing};"):
+            Reference(build_robot({**config, "sensors": sensors}))
+
+
+@pytest.mark.parametrize("key", ["sensors", "gears", "registers", "params"])
+def test_a_list_in_place_of_a_table_is_refused(key: str) -> None:
+    with pytest.raises(SealegsError, match=f"robot.{key} takes a mapping, not "):
+        build_robot({**compose("deploy", {"robot": "hopper"})["robot"], key: [1]})
+
+
+def test_limits_of_an_own_robot_that_are_a_list_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "my.xml").write_text(
+        '<mujoco><worldbody><body><joint name="elbow" range="-1 1"/><geom size="0.1" mass="1"/></body></worldbody>'
+        '<actuator><position joint="elbow" kp="10"/></actuator></mujoco>'
+    )
+    (tmp_path / "my.yaml").write_text("model: my.xml\njoints: {elbow: {chain: sts3215}}\ndeploy: {safety: [1]}\n")
+    with pytest.raises(SealegsError, match=r"my\.yaml: deploy\.safety takes a mapping, not \[1\]"):
+        own_robot(str(tmp_path / "my.yaml"))

@@ -1,4 +1,4 @@
-"""Small recordings that were once read wrongly, and what the import makes of them now."""
+"""Published and small recordings that were once read wrongly, and what the import makes of them now."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators import load_chain
-from sealegs.gap.log import LogError, read_measured
+from sealegs.commands.cli import main
+from sealegs.gap.checks.data_set import check_set, merged
+from sealegs.gap.log import LogError, MeasuredSet, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
 
 from tests.importers.importing import ANGLE, LATE, RAD, TIME, asked, proposed, table
@@ -131,3 +133,111 @@ def test_formulas_of_a_spreadsheet_are_not_computed_and_called_so(tmp_path: Path
     (tmp_path / "bare.csv").write_text(f"{cell},{cell}\n" * 20)
     with pytest.raises(LogError, match="holds formulas of a spreadsheet, which are not computed; export values"):
         read_recordings(tmp_path / "bare.csv")
+
+
+DATA = Path(__file__).resolve().parents[2] / "../shared/data"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")
+
+
+@pytest.fixture(scope="module")
+def xl330(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
+    target = tmp_path_factory.mktemp("xl330")
+    import_logs(DATA / "xl330_pendulum", target, read_mapping("xl330"))
+    return read_measured(target)
+
+
+@pytest.fixture(scope="module")
+def so101(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
+    target = tmp_path_factory.mktemp("so101")
+    import_logs(DATA / "so101_arm", target, read_mapping("so101"))
+    return read_measured(target)
+
+
+@pytest.fixture(scope="module")
+def ak80(tmp_path_factory: pytest.TempPathFactory) -> MeasuredSet:
+    target = tmp_path_factory.mktemp("ak80")
+    import_logs(DATA / "ak80_pendulum", target, read_mapping("ak80"))
+    return read_measured(target)
+
+
+@needs_data
+def test_xl330_firmware_law_holds_to_a_count(xl330: MeasuredSet) -> None:
+    assert len(xl330.runs) == 12
+    assert {run.meta["group"] for run in xl330.runs} == {"kp100", "kp200", "kp400"}
+    for run in (run for run in xl330.runs if run.meta["group"] == "kp100"):
+        log = run.joints["servo"]
+        chain = run.actuators["servo"]
+        assert isinstance(chain, list) and log.goal is not None and log.duty is not None
+        on = np.ones(len(run.time), bool) if log.enabled is None else log.enabled > 0.5
+        gain = chain[0]["position_p"]["gain"]
+        # Position and duty are read one after the other, 2 ms apart, and the firmware counts in whole ticks.
+        later = np.interp(run.time + 0.002, run.time, log.position)
+        miss = 885 * np.abs(np.clip(gain * (log.goal - later), -1, 1) - log.duty)[on]
+        assert np.median(miss) < 1.0, run.name
+        assert np.quantile(miss, 0.9) < 1.5, run.name
+
+
+@needs_data
+def test_xl330_drop_is_marked_as_switched_off(xl330: MeasuredSet) -> None:
+    run = next(run for run in xl330.runs if run.name == "xl330_kp100_lift_and_drop")
+    log = run.joints["servo"]
+    assert log.enabled is not None and log.duty is not None
+    assert run.time[np.argmin(log.enabled)] == pytest.approx(2.0, abs=0.01)
+    assert np.abs(log.duty[log.enabled < 0.5]).max() == 0.0
+
+
+@needs_data
+def test_xl330_supply_reading_is_called_aliased(xl330: MeasuredSet) -> None:
+    findings = {finding.code: finding for finding in merged(check_set(xl330))}
+    assert "voltage.aliased" in findings
+    assert findings["velocity.lag"].value == pytest.approx(0.020, abs=0.002)
+    assert not [finding for finding in findings.values() if finding.severity == "error"]
+
+
+@needs_data
+@pytest.mark.long
+def test_so101_velocity_scale_and_unsigned_current_are_named(so101: MeasuredSet) -> None:
+    findings = check_set(so101)
+    scales = {
+        joint: [f.value for f in findings if f.code == "velocity.scale" and f.joint == joint and f.value is not None]
+        for joint in so101.runs[0].joints
+        if joint != "gripper"
+    }
+    for joint, values in scales.items():
+        assert values, joint
+        assert np.median(values) == pytest.approx(0.93, abs=0.03), joint
+    late = [f.value for f in findings if f.code == "velocity.lag" and f.value is not None]
+    assert np.median(late) == pytest.approx(0.018, abs=0.003)
+    assert {f.joint for f in findings if f.code == "current.unsigned"} == set(so101.runs[0].joints)
+
+
+@needs_data
+def test_ak80_torque_column_is_out_of_step_by_8_to_12_ms(ak80: MeasuredSet) -> None:
+    findings = [finding for finding in check_set(ak80) if finding.cause == "sensor.delay"]
+    torque = [finding for finding in findings if finding.column == "servo.torque"]
+    assert len(torque) == 1
+    assert torque[0].value is not None and 0.006 < torque[0].value < 0.014
+    assert torque[0].low is not None and torque[0].high is not None
+    assert torque[0].low < 0.012 and torque[0].high > 0.008
+
+
+@needs_data
+def test_the_command_line_converts_once_and_overwrites_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["import", "ak80", str(DATA / "ak80_pendulum"), str(tmp_path)]
+    assert main(words) == 0
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert "never overwritten" in error and error.count("\n") == 1
+
+
+def test_a_wrong_folder_gets_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", "xl330", str(tmp_path / "absent"), str(tmp_path / "out")]) == 2
+    assert "no such file or folder" in capsys.readouterr().err
+    (tmp_path / "a.csv").write_text("time,position\n0,1\n")
+    with pytest.raises(LogError, match="the mapping takes torque, velocity, which it does not have"):
+        import_logs(tmp_path, tmp_path / "out", read_mapping("ak80"))
+    (tmp_path / "mine.yaml").write_text("columns: {time: time, knee.position: positoin}\n")
+    with pytest.raises(LogError, match=r"positoin \(did you mean 'position'\?\), which it does not have"):
+        import_logs(tmp_path / "a.csv", tmp_path / "out", read_mapping(tmp_path / "mine.yaml"))

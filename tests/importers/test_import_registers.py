@@ -12,8 +12,6 @@ from sealegs.gap.log.importers import read_recordings
 from tests.importers.importing import ANGLE, LATE, RAD, TIME, table
 from tests.importers.test_import_tables import texts_of, written
 
-SPEED = np.gradient(LATE, TIME)  # [rad/s]
-
 
 def polled(folder: Path, head: str, apart: float = 0.0) -> Path:
     """Motors with a row for each and time, each read so much later [s] than the one before it."""
@@ -66,14 +64,3 @@ def test_a_table_with_many_repeats_is_refused(tmp_path: Path) -> None:
     twice = written(tmp_path, "\n".join([head, *often]) + "\n")
     with pytest.raises(LogError, match=r"joint1 has two rows at time = 0, as 17% of all rows are repeats; leave one"):
         read_recordings(twice)
-
-
-def counts(turn: float, velocity: np.ndarray, zero: float = 0.0) -> dict[str, np.ndarray]:
-    """The columns of a drive that counts, with so many a turn and a count at 0 rad."""
-    scale = turn / (2.0 * np.pi)
-    return {
-        "Time [ms]": 1e3 * TIME,
-        "Position Demand Value [inc]": np.round(ANGLE * scale + zero),
-        "Position Actual Value [inc]": np.round(LATE * scale + zero),
-        "Velocity Actual Value [rpm]": np.round(velocity * 60.0 / (2.0 * np.pi), 1),
-    }

@@ -19,7 +19,6 @@ from tests.importers.test_import import motion
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 M = motion(5.0, 100.0)
 TIME, GOAL, POSITION = M["time"], np.degrees(M["goal"]), np.degrees(M["smooth"])
-CLEAN = {"time": "t", "joint.goal": "goal_deg*pi/180", "joint.position": "pos_deg*pi/180"}
 
 
 def rows(*columns: Iterable[object], separator: str = ",") -> str:

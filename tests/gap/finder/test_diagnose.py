@@ -16,8 +16,8 @@ from sealegs.gap.log import read_measured
 from sealegs.gap.virtual.bench import LOADS, record
 
 from testbed import hidden_bench
-from tests.diagnose_command import diagnose_command
 from tests.made_once import folder_made_once
+from tests.typed import diagnose_command
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 

@@ -28,7 +28,7 @@ from sealegs.gap.search.journal import Journal
 
 from testbed import hidden_bench
 from testbed.logs import hidden_arm
-from tests.diagnose_command import diagnose_command
+from tests.typed import diagnose_command
 
 
 def document(name: str, cause: str | None, value: float = 0.0) -> dict:

@@ -33,7 +33,7 @@ from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 from testbed import hidden_hopper
 from testbed.hopper import JOINTS
-from tests.small_hopper import small_hopper
+from tests.small_diagnosis import small_hopper
 
 SHORT = 6.0  # [s]
 

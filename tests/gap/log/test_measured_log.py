@@ -1,15 +1,22 @@
-"""Measured logs are read as written, refused with one sentence where they are wrong, and never overwritten."""
+"""Measured logs are read as written, with their gaps and the parts that count, and refused with one sentence."""
 
 from __future__ import annotations
 
 import errno
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from sealegs.gap.checks.clock import check_clock
 from sealegs.gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
+from sealegs.gap.log.gaps import known_commands
+from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, WARM_UP, cut
+
+from testbed.bench import NOISE_FLOOR
+from tests.logged_robots import JOINTS, free_replay, nominal_error, two_link_run
 
 SIDECAR = {"robot": "bench", "robot_params": {"mass": 0.5, "length": 0.12}, "actuators": {"servo": "sts3215"}}
 
@@ -248,3 +255,82 @@ def test_a_folder_of_folders_names_one_that_can_be_read(tmp_path: Path) -> None:
         write_run(sine_run(), tmp_path / servo)
     with pytest.raises(LogError, match=r"holds no measured log.*such as \S*left, or all 2 as a fleet"):
         read_measured(tmp_path)
+
+
+def lacking(run: MeasuredRun, start: float, stop: float) -> MeasuredRun:
+    """The run without the samples between two times [s]."""
+    kept = (run.time < start) | (run.time > stop)
+    joints = {
+        name: replace(log, **{key: values[kept] for key, values in log.signals().items()})
+        for name, log in run.joints.items()
+    }
+    return replace(run, time=run.time[kept], joints=joints)
+
+
+def test_motion_after_lost_commands_does_not_count_until_it_has_forgotten_them(tmp_path: Path) -> None:
+    """A replay ran on under the last command, and its error was a gap of 105 mrad on a machine with nothing hidden."""
+    run = lacking(two_link_run(tmp_path, 8.0), 3.0, 3.3)
+    (finding,) = [found for found in check_clock(run) if found.code == "clock.gaps"]
+    assert "motion counts again 1.5 s later" in finding.sentence
+    assert all(nominal_error(free_replay(run, joint)) < 2.0 * NOISE_FLOOR for joint in JOINTS)
+
+
+def test_what_counts_after_a_gap() -> None:
+    time = np.delete(np.arange(0.0, 10.0, 0.01), np.arange(300, 330))
+    changing, held = np.sin(time), np.zeros_like(time)
+    assert known_commands(time, held).all(), "nothing was lost that a held command does not say"
+    known = known_commands(time, changing)
+    assert not known[(time > 2.99) & (time < 3.3 + WARM_UP)].any()
+    assert known[(time < 2.9) | (time > 3.31 + WARM_UP)].all()
+    assert known_commands(np.arange(0.0, 1.0, 0.01), np.arange(100.0)).all(), "a clock without gaps"
+
+
+def test_half_of_what_lies_between_frequent_gaps_counts() -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    time = time[(time % 1.0) > 0.1]
+    known = known_commands(time, np.sin(time))
+    assert 0.4 < known[time > 1.0].mean() < 0.6
+
+
+def recorded(seconds: float, link: bool = False) -> MeasuredRun:
+    time = np.arange(0.0, seconds, 0.005)
+    angle = 0.3 * np.sin(6.0 * time)
+    log = JointLog(goal=angle, position=angle, link_position=angle if link else None)
+    return MeasuredRun("run", time, {"servo": log}, robot="bench")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "link", "unjudged"),
+    [(1.5, False, 0.1), (10.0, False, 0.4), (60.0, False, 1.0), (10.0, True, 1.25), (60.0, True, 1.5)],
+)
+def test_what_came_before_a_run_is_forgotten_before_it_is_judged(seconds: float, link: bool, unjudged: float) -> None:
+    runs = [replace(recorded(seconds, link), meta={"group": str(k % 3)}) for k in range(6)]
+    for unit in cut(runs, "servo"):
+        assert runs[unit.run].time[unit.judged] == pytest.approx(unjudged, abs=0.01)
+
+
+@pytest.mark.parametrize(("seconds", "whole"), [(12.0, True), (70.0, False)])
+def test_each_part_gets_of_every_run_that_is_long(seconds: float, whole: bool) -> None:
+    """Of eight motions of a public arm, the limit of the acceleration showed in one part, and was no cause in both."""
+    runs = [recorded(seconds) for _ in range(8)]
+    parts = [{unit.part for unit in cut(runs, "servo") if unit.run == k} for k in range(8)]
+    assert all(len(of_run) == (1 if whole else 3) for of_run in parts)
+    mixed = [*runs[:7], recorded(70.0)]
+    found = cut(mixed, "servo")
+    assert {unit.part for unit in found if unit.run == 7} == {FIT_A, FIT_B, TEST}
+    assert all(len([unit for unit in found if unit.run == k]) == 1 for k in range(7)) or not whole
+
+
+@pytest.mark.parametrize("seconds", [8.0, 60.0])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_single_run_beside_the_test_group_is_fitted_in_both_parts(seconds: float, first: bool) -> None:
+    """Part B was empty, and the refusal called logs of any length too short."""
+    kept = replace(recorded(seconds), name="kept", meta={"group": "kept"})
+    runs = [recorded(seconds), kept] if first else [kept, recorded(seconds)]
+    units = cut(runs, "servo", "kept")
+    assert [unit.part for unit in units if runs[unit.run] is kept] == [TEST]
+    fitted = [unit for unit in units if runs[unit.run] is not kept]
+    assert {unit.part for unit in fitted} == {FIT_A, FIT_B} and len(fitted) >= 4
+    judged = [set(range(unit.start + unit.judged, unit.stop)) for unit in fitted]
+    assert max(unit.stop for unit in fitted) == len(kept.time)
+    assert sum(map(len, judged)) <= len(set().union(*judged)) + len(fitted), "no sample is judged in both parts"

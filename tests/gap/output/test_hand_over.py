@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sealegs.envs.extended import Change, Extended
 from sealegs.gap.causes.catalogue import catalogue
@@ -16,10 +17,14 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.named import NamedCause, Value
 from sealegs.gap.output import hand_over as module
+from sealegs.gap.output.extension import extended_of
 from sealegs.gap.output.hand_over import bodies_of, hand_over, harmed
+from sealegs.gap.output.whole import confirm_whole
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
+from testbed.bench import NOISE_FLOOR
 from testbed.logs import hidden_arm
+from tests.logged_robots import JOINTS, two_link_run
 from tests.made_once import SHARED, made_once
 from tests.small_diagnosis import small_diagnosis
 
@@ -146,3 +151,21 @@ def test_an_encoder_whose_error_is_doubted_stays_as_believed(standing: str, hand
     assert model is not None and any(change.path == "encoder.scale" for change in model.changes) == handed
     assert any(change.path == "friction.load" for change in model.changes)
     assert handed or (said is not None and "sensor.scale of 'servo' (confidence 29%)" in said["left"])
+
+
+@pytest.mark.long
+def test_a_log_in_degrees_is_simulated_in_radians(tmp_path: Path) -> None:
+    """The errors were those of a machine that flew apart: 86 rad, under warnings of the engine."""
+    run = two_link_run(tmp_path, 6.0)
+    joints = {
+        name: replace(log, position=np.degrees(log.position), goal=np.degrees(np.asarray(log.goal)), velocity=None)
+        for name, log in run.joints.items()
+    }
+    said = replace(run, joints=joints, meta={**run.meta, "units": {"position": "deg", "goal": "deg"}})
+    data = MeasuredSet((said,), "degrees")
+    diagnoses = list(diagnose(data, causes=["friction.coulomb"]).joints)
+    extended = extended_of(diagnoses, data)
+    assert extended is not None
+    found = confirm_whole(diagnoses, data, extended)
+    assert found is not None
+    assert all(found["joints"][joint]["nominal"] < 3.0 * NOISE_FLOOR for joint in JOINTS)

@@ -20,7 +20,7 @@ from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE
 
 from testbed import hidden_hopper
 from testbed.hopper import JOINTS, Servo, nominal_hopper_chain
-from tests.small_hopper import small_hopper
+from tests.small_diagnosis import small_hopper
 
 SPRING = [
     {"position_p": {"gain": 30.0}},

@@ -1,19 +1,27 @@
-"""The compiled joint simulator converges, agrees with the engine, and makes no gap of its own."""
+"""The compiled joint simulator agrees with the engine, and knows the heat of motors and their shared supply."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.common.errors import SealegsError
+from sealegs.gap.checks.data_set import together
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
+from sealegs.gap.load.terms import T_COLUMNS, T_DRAWN, T_OWN
+from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine
-from sealegs.gap.replay.free import NO_TERMS, free_problem
-from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.free import NO_TERMS, FreeProblem, free_problem
+from sealegs.gap.replay.joint_model import Axis, JointModel
+from sealegs.gap.replay.layout import between_steps, heated
 from sealegs.gap.replay.simulator import replay
+from sealegs.gap.replay.tree import drawn_beside
 from sealegs.gap.verdict.verdict import NOTHING
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -179,3 +187,85 @@ def test_a_temperature_that_is_polled_slowly_lies_on_a_line_between_its_readings
     units = cut([run] * 6, "servo")
     problem = free_problem([run] * 6, "servo", [JointModel(load_chain(CHAIN))] * 6, units, {"position": 1.0})
     np.testing.assert_allclose(problem.temperature, np.tile(30.0 + 0.5 * time, 6), atol=1.1)
+
+
+def motor(seconds: float = 60.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, current and temperature of a winding that warms by 2 K, with numbers of its own (4 J/K, 9 K/W)."""
+    time = np.arange(0.0, seconds, 0.01)
+    current = 0.26 * np.sin(2.0 * time) * (1.0 + (np.sin(0.2 * time) > 0.0))
+    warm = np.empty(len(time))
+    level = 24.7
+    for k, i in enumerate(current):
+        warm[k] = level
+        level += 0.01 * (3.0 * i * i - (level - 24.7) / 9.0) / 4.0
+    return time, current, warm
+
+
+def test_the_current_tells_what_rounding_hid():
+    time, current, warm = motor()
+    logged = np.round(warm)
+    assert np.ptp(logged) <= 2.0
+    found = heated(time, logged, current)
+    error, before = (np.std(values - warm) for values in (found, between_steps(time, logged)))
+    assert error < 0.12 and error < 0.6 * before
+
+
+def test_what_the_current_does_not_explain_stays_as_it_was_logged():
+    time, current, warm = motor()
+    room = np.round(24.7 + 3.0 * (time > 30.0))
+    assert heated(time, np.round(warm), None) is not None
+    assert np.array_equal(heated(time, room, 0.0 * current), room)
+    fine = np.round(warm, 2)
+    assert np.array_equal(heated(time, fine, current), fine)
+
+
+@pytest.mark.parametrize(("speed", "alike"), [(0.156, True), (6.41, True), (0.3, False)])
+def test_a_unit_and_a_gear_are_both_told_where_both_fit(speed: float, alike: bool):
+    findings = [
+        Finding("unit.velocity", "error", "j", "j.velocity", "In another unit.", value=speed),
+        Finding("torque.gear_side", "error", "j", "j.torque", "Of another side.", value=1.0 / 6.33),
+    ]
+    said = " ".join(finding.sentence for finding in together(findings))
+    assert ("of the same log" in said) is alike
+
+
+TIME = np.arange(400.0) * 0.005
+DRAWN = 2.0  # [A] by the other joints
+SAG = 0.7  # [ohm]
+FOUND = {"supply.resistance": SAG}
+
+
+def joint(drawn: float) -> FreeProblem:
+    """A joint that is told to jump, beside others that draw so much [A]."""
+    log = JointLog(np.zeros(400), np.sign(np.sin(2.0 * np.pi * TIME)))
+    run = MeasuredRun("run", TIME, {"servo": log}, {}, "bench", dict(PARAMS), {"servo": CHAIN})
+    terms = np.zeros((400, T_COLUMNS))
+    terms[:, T_OWN] = 0.01  # [kg.m2]
+    terms[:, T_DRAWN] = drawn
+    model = JointModel(load_chain(CHAIN), TreeLoad(), axis=Axis(low=-1.0, high=1.0))
+    return free_problem([run], "servo", [model], cut([run], "servo", None), {"position": 1e3}, [terms])
+
+
+def test_what_other_joints_draw_is_as_a_lower_voltage_of_the_supply() -> None:
+    """A gripper's wrist was 46 mrad off while its jaw, against a stop, pulled the voltage of both down."""
+    alone, beside = joint(0.0), joint(DRAWN)
+    lower = {**FOUND, "supply.volts": alone.models[0].value("supply.volts") - SAG * DRAWN}
+    assert beside.simulate([FOUND])[0] == pytest.approx(alone.simulate([lower])[0], abs=1e-9)
+    assert np.abs(beside.simulate([FOUND])[0] - alone.simulate([FOUND])[0]).max() > 0.05
+
+
+def test_a_supply_that_does_not_sag_gives_its_voltage_whatever_others_draw() -> None:
+    np.testing.assert_array_equal(joint(DRAWN).simulate([{}]), joint(0.0).simulate([{}]))
+
+
+def test_a_bridge_draws_duty_times_current_and_gives_nothing_back() -> None:
+    still = np.zeros(3)
+    logs = {
+        "wrist": JointLog(still, still, duty=np.full(3, 0.5), current=np.full(3, 3.0)),
+        "jaw": JointLog(still, still, duty=np.array([-0.5, 0.5, np.nan]), current=np.array([-1.0, -1.0, 1.0])),
+        "base": JointLog(still, still, current=np.full(3, 9.0)),
+    }
+    run = MeasuredRun("run", np.arange(3.0), logs, {}, "robot", {}, {})
+    np.testing.assert_allclose(drawn_beside(run, "wrist"), [0.5, 0.0, 0.0])
+    np.testing.assert_allclose(drawn_beside(run, "jaw"), 1.5)
+    np.testing.assert_allclose(drawn_beside(replace(run, joints={"jaw": logs["jaw"]}), "jaw"), 0.0)

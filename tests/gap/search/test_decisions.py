@@ -1,7 +1,8 @@
-"""What is named follows from a record and the settings alone."""
+"""What is named, and the page about thresholds, follow from a record and the settings alone."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step,
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
 
+from benchmarks.sensitivity import RECORDS, RESULTS, disagreeing, page, tally
 from tests.small_diagnosis import small_diagnosis
 
 BLOCKS = 60
@@ -209,3 +211,28 @@ def test_of_a_cause_and_its_limit_that_fit_alike_the_limit_comes_first(better: f
     order = standings(record, DEFAULT, 0)
     assert record.candidates[order[0].index].name == first
     assert len(order) == 3 and sum(standing.best for standing in order) == pytest.approx(1.0)
+
+
+ROWS = [json.loads(line) for line in RECORDS.read_text().splitlines()]
+
+
+def test_records_decided_again_with_the_same_settings_give_the_names_of_their_searches() -> None:
+    assert ROWS and disagreeing(ROWS) == []
+
+
+@pytest.mark.long
+def test_the_committed_page_is_what_the_records_and_the_settings_say_now() -> None:
+    written = (RESULTS / "sensitivity.md").read_text(encoding="utf-8")
+    assert written == page(ROWS), "python -m benchmarks.sensitivity"
+
+
+def test_each_threshold_is_halved_and_doubled_and_the_page_has_it() -> None:
+    text = page(ROWS[:2])
+    for name in SearchSettings.deciding():
+        assert f"| `{name}` |" in text
+        assert DEFAULT.scaled(name, 0.5) != DEFAULT != DEFAULT.scaled(name, 2.0)
+
+
+def test_thresholds_that_nothing_passes_name_nothing() -> None:
+    found = tally(ROWS, SearchSettings(least_removed=1e6))
+    assert (found.right, found.false, found.nulls) == (0, 0, 0)
