@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -10,34 +11,49 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 from sealegs.common.errors import SealegsError
+from sealegs.envs.biped.robot import TORSO
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.engine.vector import BatchVectorEnv
 from sealegs.envs.hopper.env import HopperTask
 
-HOPPER = "SeaLegs/Hopper-v0"
+HOPPER, BIPED, HEXAPOD = (f"SeaLegs/{name}-v0" for name in ("Hopper", "Biped", "Hexapod"))
 RANDOM = {
     "all": {"friction.viscous": {"times": [0.8, 1.2]}, "regression.duty_torque": [1.6, 2.0]},
     "mass": {"base": [0.9, 1.1]},
     "floor": {"friction": [0.5, 1.0]},
 }
+RANDOM_BIPED = {
+    "all": {"friction.viscous": {"times": [0.8, 1.2]}},
+    "mass": {TORSO: [0.9, 1.1]},
+    "floor": {"friction": [1.0, 1.7]},
+}
 
 
-def actions(steps: int, count: int) -> np.ndarray:
-    return np.random.default_rng(0).uniform(-1, 1, (steps, count, 2)).astype(np.float32)
+def actions(steps: int, count: int, size: int = 2) -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1, 1, (steps, count, size)).astype(np.float32)
 
 
-def test_single_vector_and_sb3_move_alike_with_randomisation_and_new_episodes() -> None:
-    count, seed = 4, 7
-    keywords = {"randomization": RANDOM, "max_episode_steps": 30}
-    vector = gym.make_vec(HOPPER, num_envs=count, **keywords)
-    sb3 = BatchVecEnv(HOPPER, count, seed=seed, **keywords)
-    singles = [gym.make(HOPPER, **keywords) for _ in range(count)]
+@pytest.mark.parametrize(
+    ("env_id", "randomization", "count", "episode", "steps"),
+    [
+        (HOPPER, RANDOM, 4, 30, 70),
+        (BIPED, RANDOM_BIPED, 3, 12, 30),
+        pytest.param(HEXAPOD, None, 2, 2, 4, marks=pytest.mark.long),
+    ],
+)
+def test_single_vector_and_sb3_move_alike_with_randomisation_and_new_episodes(
+    env_id: str, randomization: Any, count: int, episode: int, steps: int
+) -> None:
+    seed, keywords = 7, {"randomization": randomization, "max_episode_steps": episode}
+    vector = gym.make_vec(env_id, num_envs=count, **keywords)
+    sb3 = BatchVecEnv(env_id, count, seed=seed, **keywords)
+    singles = [gym.make(env_id, **keywords) for _ in range(count)]
     observed = vector.reset(seed=seed)[0]
     np.testing.assert_array_equal(observed, sb3.reset())
     np.testing.assert_array_equal(observed, [env.reset(seed=seed + i)[0] for i, env in enumerate(singles)])
     ended = 0
-    for action in actions(70, count):
+    for action in actions(steps, count, vector.action_space.shape[-1]):
         observed, rewards, terminated, truncated, infos = vector.step(action)
         sb3_observed, sb3_rewards, dones, sb3_infos = sb3.step(action)
         np.testing.assert_array_equal(observed, sb3_observed)

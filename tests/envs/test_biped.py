@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
-import re
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
-from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import Drivetrain, load_chain
 from sealegs.agents.action_pipeline import task_parts
 from sealegs.agents.cross_evaluation import mean_reward
@@ -28,11 +24,7 @@ from sealegs.envs.biped.kinematics import centre_of_mass, feet, place, robot_mas
 from sealegs.envs.biped.robot import BIPED, TORSO, coordinate, foot
 from sealegs.envs.contract import goal_scale, random_motion, robot_hash
 from sealegs.envs.engine.batch import BatchEngine
-from sealegs.envs.engine.sb3 import BatchVecEnv
-from sealegs.envs.engine.single import SingleEnv
 from sealegs.envs.engine.task import Motion
-from sealegs.envs.robots import get_robot
-from stable_baselines3.common.env_checker import check_env as check_sb3
 
 from benchmarks.biped_motion import load
 from benchmarks.learned_biped import JUDGED, walk
@@ -41,20 +33,6 @@ from tests.quick import quick
 BIPED_ID = "SeaLegs/Biped-v0"
 WORDS = ("ideal", "regression", "net", "mabel")
 NAMES = [item.name for item in BIPED.coordinates]
-RANDOM = {
-    "all": {"friction.viscous": {"times": [0.8, 1.2]}},
-    "mass": {TORSO: [0.9, 1.1]},
-    "floor": {"friction": [1.0, 1.7]},
-}
-
-
-def test_the_environment_passes_the_checks_of_gymnasium_and_sb3() -> None:
-    env = gym.make(BIPED_ID).unwrapped
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UserWarning)
-        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
-        check_gymnasium(env, skip_render_check=True)
-        check_sb3(env, skip_render_check=True)
 
 
 @pytest.mark.parametrize("word", WORDS)
@@ -65,47 +43,6 @@ def test_one_word_chooses_what_drives_the_legs(word: str) -> None:
         observation, _, _, _, infos = env.step(np.tile([-0.2, -0.3, 0.2, -0.3], (4, 1)))
     assert np.isfinite(observation).all() and not infos["unstable"].any()
     assert (observation[:, 1] > 0.7).all(), "it stands, or falls slowly"
-
-
-def test_single_vector_and_sb3_move_alike() -> None:
-    count, seed, keywords = 3, 7, {"randomization": RANDOM, "max_episode_steps": 12}
-    vector = gym.make_vec(BIPED_ID, num_envs=count, **keywords)
-    sb3 = BatchVecEnv(BIPED_ID, count, seed=seed, **keywords)
-    singles = [gym.make(BIPED_ID, **keywords) for _ in range(count)]
-    observed = vector.reset(seed=seed)[0]
-    np.testing.assert_array_equal(observed, sb3.reset())
-    np.testing.assert_array_equal(observed, [env.reset(seed=seed + i)[0] for i, env in enumerate(singles)])
-    rng = np.random.default_rng(0)
-    for _ in range(30):
-        action = rng.uniform(-1.0, 1.0, (count, 4)).astype(np.float32)
-        observed, rewards, terminated, truncated, _ = vector.step(action)
-        sb3_observed, _, dones, _ = sb3.step(action)
-        np.testing.assert_array_equal(observed, sb3_observed)
-        np.testing.assert_array_equal(terminated | truncated, dones)
-        for i, env in enumerate(singles):
-            own, reward, own_terminated, own_truncated, _ = env.step(action[i])
-            assert (reward, own_terminated, own_truncated) == (rewards[i], terminated[i], truncated[i])
-            if own_terminated or own_truncated:
-                own = env.reset()[0]
-            np.testing.assert_array_equal(observed[i], own)
-
-
-def test_an_environment_survives_pickling() -> None:
-    env = gym.make(BIPED_ID, actuator="ideal", hopping=1.0).unwrapped
-    again = pickle.loads(pickle.dumps(env))
-    np.testing.assert_array_equal(env.reset(seed=1)[0], again.reset(seed=1)[0])
-
-
-def test_the_documented_tables_are_those_of_the_environment() -> None:
-    env = gym.make(BIPED_ID).unwrapped
-    assert isinstance(env, SingleEnv)
-    action_table, observation_table = re.split(r"## Observation Space", type(env).__doc__ or "")[:2]
-    actions = re.findall(r"\| (\d+) +\| Goal of .*? \| -1 +\| 1 +\| (-?[\d.]+) +\| (-?[\d.]+)", action_table)
-    engine = env.engine
-    assert [float(low) for _, low, _ in actions] == pytest.approx(engine.goal_centre - engine.goal_half, abs=1e-3)
-    assert [float(high) for *_, high in actions] == pytest.approx(engine.goal_centre + engine.goal_half, abs=1e-3)
-    observations = re.findall(r"^ *\| (\d+) +\|", observation_table.split("## Rewards")[0], re.MULTILINE)
-    assert len(observations) == engine.observation_size == len(engine.task.observation_names())
 
 
 def test_walking_pays_for_the_foot_in_the_air_whose_turn_it_is_and_hopping_for_both() -> None:
@@ -167,30 +104,6 @@ def test_a_foot_that_is_lifted_further_than_it_needs_costs_what_it_is_told_to() 
     free = BatchEngine(BipedTask(correction=0.4), 1)
     free.reset()
     assert "reward_clearance" not in free.step(np.zeros((1, 4))).terms
-
-
-@pytest.mark.parametrize(
-    ("keywords", "sentence"),
-    [
-        ({"actuator": "idle"}, "no actuator 'idle' .*did you mean 'ideal'"),
-        ({"actuator": {"left_leg": "ideal"}}, "drives no 'left_leg' .*did you mean 'left_leg_"),
-        ({"params": {"boom_lenght": 2.0}}, "no parameter 'boom_lenght' .*did you mean 'boom_length'"),
-        ({"params": {"torso_mass": -1.0}}, "torso_mass is -1.0; it must be a number between"),
-        ({"control_rate": 300.0}, "control_rate is 300 Hz"),
-        ({"hopping": [0, 1]}, "hopping takes a number"),
-        ({"lift": 0.0}, "lift is 0.0; it must be a height above 0 m"),
-        ({"speed": [1.0, 0.5]}, "a range goes from its low to its high end"),
-    ],
-)
-def test_a_wrong_argument_is_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
-    with pytest.raises(SealegsError, match=sentence):
-        gym.make(BIPED_ID, disable_env_checker=True, **keywords).reset()
-
-
-def test_every_number_has_a_source_and_lies_within_its_bounds() -> None:
-    for name, number in get_robot("biped").numbers.items():
-        assert number.assumed or number.source.startswith("paper 003"), name
-        assert number.low <= number.value <= number.high, name
 
 
 def test_the_chains_in_the_library_are_the_printed_numbers_at_the_leg() -> None:

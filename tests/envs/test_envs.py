@@ -40,6 +40,9 @@ def constant(env: gym.Env, value: float) -> np.ndarray:
 
 IDS = tuple(name for name in gym.registry if name.startswith("SeaLegs/"))
 every_environment = pytest.mark.parametrize("env_id", IDS)
+one_quick = pytest.mark.parametrize(
+    "env_id", [name if "Biped" in name else pytest.param(name, marks=pytest.mark.long) for name in IDS]
+)
 
 
 def few_steps(env: gym.Env, seed: int, count: int = 3) -> np.ndarray:
@@ -53,8 +56,7 @@ def few_steps(env: gym.Env, seed: int, count: int = 3) -> np.ndarray:
     return np.concatenate(seen)
 
 
-@pytest.mark.long
-@every_environment
+@one_quick
 def test_environments_pass_the_checks_of_gymnasium_and_sb3(env_id: str) -> None:
     env = gym.make(env_id).unwrapped
     with warnings.catch_warnings():
@@ -75,8 +77,7 @@ def test_equal_seeds_move_alike_and_others_do_not(env_id: str) -> None:
     assert (first.reset(seed=5)[0] != again.reset(seed=4)[0]).any()
 
 
-@pytest.mark.long
-@every_environment
+@one_quick
 def test_an_environment_survives_pickling(env_id: str) -> None:
     env = gym.make(env_id, actuator="ideal", start_noise=0.01).unwrapped
     again = pickle.loads(pickle.dumps(env))
@@ -181,7 +182,7 @@ def test_reward_is_the_sum_of_its_terms_in_info(env_id: str) -> None:
         assert info["unstable"] is False
 
 
-@pytest.mark.parametrize("env_id", ("SeaLegs/Hopper-v0", "SeaLegs/Bench-v0"))  # the others' tests read their own
+@pytest.mark.parametrize("env_id", ("SeaLegs/Hopper-v0", "SeaLegs/Bench-v0", "SeaLegs/Biped-v0"))
 def test_the_documented_tables_are_those_of_the_environment(env_id: str) -> None:
     env = single(gym.make(env_id))
     text = type(env).__doc__ or ""
@@ -277,11 +278,19 @@ def test_the_encoder_that_the_host_sees_is_that_of_the_chain() -> None:
         ({"speed": "fast"}, "speed takes a number or a pair"),
         ({"alive_weight": [0, 1]}, "alive_weight takes a number"),
         ({"render_mode": "rgb"}, "no render_mode 'rgb' .*did you mean 'rgb_array'"),
+        ({"id": "SeaLegs/Biped-v0", "hopping": [0, 1]}, "hopping takes a number"),
+        ({"id": "SeaLegs/Biped-v0", "lift": 0.0}, "lift is 0.0; it must be a height above 0 m"),
+        ({"id": "SeaLegs/Hexapod-v0", "actuator": {"leg7_vertical": "ideal"}}, "drives no 'leg7_vertical'"),
+        ({"id": "SeaLegs/Hexapod-v0", "params": {"ratio": 0.5}}, "ratio is 0.5"),
+        (
+            {"id": "SeaLegs/Hexapod-v0", "params": {"stance_height": 0.5, "stance_radius": 0.75}},
+            "cannot reach their stance",
+        ),
     ],
 )
 def test_a_wrong_argument_is_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
     with pytest.raises(SealegsError, match=sentence):
-        gym.make("SeaLegs/Hopper-v0", disable_env_checker=True, **keywords).reset()
+        gym.make(**({"id": "SeaLegs/Hopper-v0", "disable_env_checker": True} | keywords)).reset()
 
 
 def test_a_file_of_chains_by_joint_drives_these_joints(tmp_path: Path) -> None:
@@ -300,12 +309,14 @@ def test_an_unknown_robot_is_answered_with_the_nearest_name() -> None:
         get_robot("hoper")
 
 
-def test_every_number_of_a_robot_has_a_source() -> None:
-    for robot in (get_robot("bench"), get_robot("hopper")):
-        for name, number in robot.numbers.items():
-            assert number.source, name
-            assert number.low <= number.value <= number.high
-            assert number.assumed or number.source.startswith("paper 004"), name
+@pytest.mark.parametrize(
+    ("robot", "paper"),
+    [("bench", "paper 004"), ("hopper", "paper 004"), ("biped", "paper 003"), ("hexapod", "paper 001")],
+)
+def test_every_number_of_a_robot_has_a_source_and_lies_within_its_bounds(robot: str, paper: str) -> None:
+    for name, number in get_robot(robot).numbers.items():
+        assert number.source and number.low <= number.value <= number.high, name
+        assert number.assumed or number.source.startswith(paper), name
 
 
 def test_the_bench_is_a_point_mass_on_a_uniform_rod() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 
 import gymnasium as gym
@@ -11,21 +10,18 @@ import mujoco
 import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
-from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain, load_chain_set
 from sealegs.actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
 from sealegs.common.errors import SealegsError
-from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.engine.single import SingleEnv
 from sealegs.envs.hexapod import modulated_gait
 from sealegs.envs.hexapod.env import HexapodEnv, HexapodTask
 from sealegs.envs.hexapod.gait import PERIOD, Tripod
 from sealegs.envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
 from sealegs.envs.hexapod.modulated_gait import MODULATED
-from sealegs.envs.hexapod.parameters import GOAL_RANGE, LEGS, NUMBERS
+from sealegs.envs.hexapod.parameters import GOAL_RANGE, LEGS
 from sealegs.envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, chains_of, coordinate, foot, loop_joints, total_mass
 from sealegs.envs.robots import get_robot
-from stable_baselines3.common.env_checker import check_env as check_sb3
 
 from tests.typed import typed
 
@@ -156,11 +152,6 @@ def test_the_joint_friction_is_one_word_and_all_else_is_the_same() -> None:
     assert loss == pytest.approx(VALUES["winding_loss"], rel=1e-3)
 
 
-def test_every_assumed_number_is_marked() -> None:
-    for name, number in NUMBERS.items():
-        assert number.assumed or "paper 001" in number.source, name
-
-
 def test_a_set_of_chains_is_refused_where_one_is_needed() -> None:
     assert set(load_chain_set("amru5_lugre") or {}) == {f"*_{kind}" for kind in KINDS}
     assert load_chain_set("sts3215") is None
@@ -169,16 +160,6 @@ def test_a_set_of_chains_is_refused_where_one_is_needed() -> None:
 
 
 # --- the environment -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-def test_the_environment_passes_the_checks_of_gymnasium_and_sb3() -> None:
-    env = gym.make(ENV).unwrapped
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UserWarning)
-        warnings.filterwarnings("ignore", message=".*Box observation space m.*imum value is.*infinity")
-        check_gymnasium(env, skip_render_check=True)
-        check_sb3(env, skip_render_check=True)
 
 
 def test_the_documented_tables_are_those_of_the_environment() -> None:
@@ -193,20 +174,6 @@ def test_the_documented_tables_are_those_of_the_environment() -> None:
         assert row[5] == unit
     last = re.findall(r"^ *\| (?:\d+-)?(\d+) +\|", observations.split("## Rewards")[0], re.MULTILINE)[-1]
     assert int(last) + 1 == engine.observation_size == len(engine.task.observation_names())
-
-
-@pytest.mark.long
-def test_three_forms_of_the_environment_move_alike() -> None:
-    single, vector, batch = gym.make(ENV), gym.make_vec(ENV, num_envs=2), BatchVecEnv(ENV, 2, seed=5)
-    seen = [single.reset(seed=5)[0], vector.reset(seed=5)[0][0], batch.reset()[0]]
-    rng = np.random.default_rng(0)
-    for _ in range(4):
-        np.testing.assert_array_equal(seen[0], seen[1])
-        np.testing.assert_array_equal(seen[1], seen[2])
-        action = rng.uniform(-1.0, 1.0, (2, 6)).astype(np.float32)
-        outcomes = [single.step(action[0]), vector.step(action), batch.step(action)]
-        seen = [outcomes[0][0], outcomes[1][0][0], outcomes[2][0][0]]  # type: ignore[index]
-        assert outcomes[0][1] == outcomes[1][1][0]  # type: ignore[index]
 
 
 def test_it_starts_on_its_feet_and_walks() -> None:
@@ -324,21 +291,6 @@ def test_every_episode_may_draw_friction_mass_and_floor_anew() -> None:
     drawn = env.unwrapped.engine.drawn  # type: ignore[attr-defined]
     assert 80.0 <= drawn["leg0_vertical.friction.coulomb"][0] != drawn["leg0_vertical.friction.coulomb"][1] <= 140.0
     env.step(np.zeros((2, 6), np.float32))
-
-
-@pytest.mark.parametrize(
-    ("keywords", "sentence"),
-    [
-        ({"actuator": {"leg7_vertical": "ideal"}}, "drives no 'leg7_vertical'"),
-        ({"params": {"ratio": 0.5}}, "ratio is 0.5"),
-        ({"params": {"stance_height": 0.5, "stance_radius": 0.75}}, "cannot reach their stance"),
-        ({"control_rate": 300.0}, "control_rate is 300"),
-        ({"speed": [0.03, 0.01]}, "a range goes from its low to its high end"),
-    ],
-)
-def test_wrong_arguments_are_answered_in_one_sentence(keywords: dict, sentence: str) -> None:
-    with pytest.raises(SealegsError, match=re.escape(sentence)):
-        gym.make(ENV, **keywords)
 
 
 def test_the_robot_is_known_by_name() -> None:

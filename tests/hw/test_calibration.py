@@ -7,7 +7,9 @@ import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,6 @@ from sealegs.configs.compose import compose
 from sealegs.configs.script import run
 from sealegs.envs.robots import get_robot
 from sealegs.hw.bus.registers import load_model
-from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.bus.servo_state import ServoState
 from sealegs.hw.machine import calibration
 from sealegs.hw.machine.calibration import guide, kept, unfinished, write_calibration
@@ -24,9 +25,6 @@ from sealegs.hw.machine.calibration_file import read_joints
 from sealegs.hw.machine.joints import CalibrationError, Joint, Line, check_joints, nominal_joints
 from sealegs.hw.machine.newest_calibration import newest
 from sealegs.hw.machine.robot import ServoRobot, build_robot
-from sealegs.hw.virtual import VirtualBus
-
-from tests.waiting import wait_until
 
 SERVO = load_model("sts3215")
 HOPPER, BENCH = get_robot("hopper"), get_robot("bench")
@@ -303,45 +301,6 @@ def test_a_machine_built_as_drawn_has_ids_from_one_and_the_robots_range() -> Non
     assert (hip.id, knee.id, hip.zero) == (1, 2, 2048) and (hip.low, hip.high) == pytest.approx((-1.21, -0.01))
 
 
-@pytest.mark.long
-def test_servos_of_a_bus_are_calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The whole way over the SDK and a virtual bus whose pendulum stands in for a hand."""
-    monkeypatch.setattr("sealegs.hw.machine.calibration.MOVED", 0.03)
-    patient = 1.0  # [s] other programs may hold the machine for longer than a servo would take
-    with VirtualBus(time="stepped", cycle=0.0) as virtual, ServoBus(virtual.port, timeout=patient) as bus:
-        answers: list[Callable[[], None]] = []
-
-        def pushed(angle: float) -> Callable[[], None]:
-            def push() -> None:
-                bus.torque_on([1])
-                bus.write_goals([1], [angle])
-                virtual.advance(1.0)
-
-            return push
-
-        readings: list[int] = []
-        read = bus.read_register
-
-        def counted(number: int, name: str) -> int:
-            value = read(number, name)
-            readings.append(value)
-            return value
-
-        def swing() -> None:
-            for angle in (-0.8, 0.8):
-                pushed(angle)()
-                seen = len(readings)
-                wait_until(lambda seen=seen: len(readings) >= seen + 2)  # whoever watches has seen it there
-
-        monkeypatch.setattr(bus, "read_register", counted)
-        scan = bus.scan
-        monkeypatch.setattr(bus, "scan", lambda: scan(range(4)))  # the others are known to be absent, and cost time
-        answers = [pushed(0.0), pushed(0.5), swing]
-        (joint,) = guide(bus, BENCH, SERVO, {}, lambda _: answers.pop(0)() or "", lambda _: None)
-    assert (joint.id, joint.direction) == (1, 1) and abs(joint.zero - 2048) < 20
-    assert joint.low == pytest.approx(-0.8, abs=0.1) and joint.high == pytest.approx(0.8, abs=0.1)
-
-
 def test_a_calibration_that_is_stopped_keeps_the_joints_that_are_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -397,10 +356,10 @@ def test_a_baud_rate_that_is_none_is_refused_in_a_sentence(capsys: pytest.Captur
 OLD, NEW = "2026-03-01T10:00:00+01:00", "2026-04-01T10:00:00+02:00"
 
 
-def write(folder: Path, name: str, robot: str = "arm", date: str | None = None, touched: float = 0.0) -> Path:
+def write(folder: Path, name: str, robot: str = "arm", day: Any = None, touched: float = 0.0) -> Path:
     """A calibration as far as it says whose it is; touched so many seconds after 2001-09-09."""
     path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump({"robot": robot, **({} if date is None else {"date": date}), "joints": {}}))
+    path.write_text(yaml.safe_dump({"robot": robot, **({} if day is None else {"date": day}), "joints": {}}))
     os.utime(path, (1e9 + touched, 1e9 + touched))
     return path
 
@@ -412,30 +371,21 @@ def test_the_calibration_of_a_robot_whose_name_goes_on_is_not_taken(tmp_path: Pa
     assert newest("leg", tmp_path) is None
 
 
-def test_a_copy_or_a_touch_does_not_bring_an_old_zero_back(tmp_path: Path) -> None:
-    write(tmp_path, "arm-20260301-100000", "arm", OLD, 9.0)
-    write(tmp_path, "arm-spare", "arm", OLD, 99.0)
-    now = write(tmp_path, "arm-20260401-100000", "arm", NEW)
-    assert newest("arm", tmp_path) == now
-
-
-def test_the_date_in_the_file_counts_before_the_one_in_its_name(tmp_path: Path) -> None:
-    now = write(tmp_path, "arm-20250101-000000", "arm", NEW)
-    write(tmp_path, "arm-20260501-000000", "arm", OLD, 9.0)
-    assert newest("arm", tmp_path) == now
-
-
-def test_a_date_that_yaml_reads_as_one_counts_too(tmp_path: Path) -> None:
-    write(tmp_path, "arm-a", "arm", OLD, 9.0)
-    now = tmp_path / "arm-b.yaml"
-    now.write_text("robot: arm\ndate: 2026-04-01\njoints: {}\n")
-    os.utime(now, (1e9, 1e9))
-    assert newest("arm", tmp_path) == now
-
-
-def test_without_a_date_the_stamp_in_the_name_counts(tmp_path: Path) -> None:
-    now = write(tmp_path, "arm-20260401-100000")
-    write(tmp_path, "arm-20260301-100000", touched=9.0)
+@pytest.mark.parametrize(
+    ("newer", "others"),
+    [
+        pytest.param(("20260401-100000", NEW), [("20260301-100000", OLD), ("spare", OLD)], id="copies and touches"),
+        pytest.param(("20250101-000000", NEW), [("20260501-000000", OLD)], id="the date in the file before its name"),
+        pytest.param(("b", date(2026, 4, 1)), [("a", OLD)], id="a date that YAML reads as one"),
+        pytest.param(("20260401-100000", None), [("20260301-100000", None)], id="without dates, the stamp in the name"),
+    ],
+)
+def test_the_newest_calibration_is_told_by_its_date(
+    newer: tuple[str, Any], others: list[tuple[str, Any]], tmp_path: Path
+) -> None:
+    now = write(tmp_path, f"arm-{newer[0]}", "arm", newer[1])
+    for k, (name, day) in enumerate(others):
+        write(tmp_path, f"arm-{name}", "arm", day, 9.0 + 90.0 * k)
     assert newest("arm", tmp_path) == now
 
 

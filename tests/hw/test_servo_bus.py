@@ -312,12 +312,6 @@ def test_a_speed_limit_that_another_program_left_does_not_outlive_torque_on(serv
     assert [bus.read_register(1, name) for name in ("goal_velocity", "acceleration")] == [0, 0]
 
 
-def test_switching_torque_off_reaches_every_servo(server: Server, bus: ServoBus):
-    bus.torque_on(IDS)
-    assert bus.torque_off(IDS) == {}
-    assert [server.wire.rig.torque(joint) for joint in (0, 1)] == [False, False]
-
-
 # --- set-up ------------------------------------------------------------------------------------------------------
 
 
@@ -428,11 +422,6 @@ def test_a_closed_bus_says_so(server: Server):
     bus.close()
     with pytest.raises(ClosedError, match="was closed"):
         bus.read_state(IDS)
-
-
-def test_the_wrong_baud_rate_finds_nobody(server: Server):
-    with ServoBus(server.port, baudrate=500_000, timeout=0.05, retries=0) as bus:
-        assert bus.scan(IDS) == {}
 
 
 def test_the_benchmark_compares_the_same_transactions(server: Server, bus: ServoBus):

@@ -61,28 +61,6 @@ def proposed(path: Path, unit: str | None = None) -> tuple[dict[str, str], dict[
     return texts, {name: read.trust for name, read in proposal.columns.items()}, asked
 
 
-def test_units_in_names_become_si(tmp_path: Path) -> None:
-    m = motion()
-    columns = {
-        "timestamp_ms": 1e3 * m["time"],
-        "cmd_pos_deg": np.degrees(m["goal"]),
-        "pos_deg": np.degrees(m["smooth"]),
-        "speed_rpm": m["velocity"] * 30 / np.pi,
-        "motor_current_mA": 300.0 * np.sign(m["velocity"]),
-        "torque_cmd_Nm": 0.2 * m["velocity"],
-    }
-    texts, trust, asked = proposed(table(tmp_path, columns))
-    assert texts == {
-        "time": "timestamp_ms*1e-3",
-        "joint.goal": "cmd_pos_deg*pi/180",
-        "joint.position": "pos_deg*pi/180",
-        "joint.velocity": "speed_rpm*2*pi/60",
-        "joint.current": "motor_current_mA*1e-3",
-        "joint.torque_command": "torque_cmd_Nm",
-    }
-    assert set(trust.values()) == {"sure"} and not asked
-
-
 def test_what_is_imported_is_what_was_recorded(tmp_path: Path) -> None:
     m = motion()
     path = table(
@@ -109,12 +87,8 @@ def test_the_steps_of_an_encoder_tell_the_unit_that_nobody_says(tmp_path: Path) 
         assert texts["joint.goal"] == f"target{behind}" and not asked
 
 
-def test_numbers_that_no_name_explains_are_asked_about(tmp_path: Path) -> None:
+def test_ticks_that_no_name_explains_are_asked_about(tmp_path: Path) -> None:
     m = motion()
-    degrees = table(tmp_path, {"time": m["time"], "goal": 57 * m["goal"], "pos": 57 * m["smooth"]})
-    assert proposed(degrees)[2] == ["joint.position", "joint.goal"]
-    answered = proposed(degrees, unit="deg")
-    assert answered[0]["joint.position"] == "pos*pi/180" and not answered[2]
     ticks = table(
         tmp_path, {"time": m["time"], "goal": 2048 + m["goal"] / TICK, "pos": np.round(2048 + m["position"] / TICK)}
     )
@@ -129,15 +103,6 @@ def test_semicolons_decimal_commas_and_comments_are_read(tmp_path: Path) -> None
     path.write_text("% made by a tool\n" + path.read_text().replace(".", ","))
     (recording,) = read_recordings(path)
     np.testing.assert_allclose(recording.columns["Ist [deg]"], m["smooth"], atol=1e-9)
-
-
-def test_several_joints_are_parted_by_their_names(tmp_path: Path) -> None:
-    m, n = motion(seed=1), motion(seed=2)
-    columns = {"time": m["time"]}
-    for joint, one in (("elbow", m), ("wrist_roll", n)):
-        columns |= {f"goal_{joint}": one["goal"], f"pos_{joint}": one["position"], f"vel_{joint}": one["velocity"]}
-    texts, _, asked = proposed(table(tmp_path, columns))
-    assert texts["wrist_roll.position"] == "pos_wrist_roll" and texts["elbow.goal"] == "goal_elbow" and not asked
 
 
 def test_the_first_call_shows_and_stops_and_the_second_imports(
@@ -190,49 +155,6 @@ def test_chains_that_a_robots_file_has_are_not_asked_for(tmp_path: Path, capsys:
     assert main(["import", str(path), f"out={tmp_path / 'log'}", "yes=true", f"robot={tmp_path / 'arm.yaml'}"]) == 0
     assert "Fill in" not in capsys.readouterr().out
     assert "FILL IN what" not in (tmp_path / "log" / "log.yaml").read_text()
-
-
-def test_a_supply_that_never_changes_is_a_voltage(tmp_path: Path) -> None:
-    """Named Vbat or supply, it was left out: 'it never changes'."""
-    m = motion(seed=1)
-    volts = {"Vbat": 7.4 + 0.0 * m["time"]}
-    one = {"time": m["time"], "goal": m["goal"], "pos": m["position"], **volts}
-    assert proposed(table(tmp_path, one))[0]["joint.voltage"] == "Vbat"
-    named = {name if name != "Vbat" else "vbat_V": values for name, values in one.items()}
-    assert proposed(table(tmp_path, named))[0]["joint.voltage"] == "vbat_V", "its unit made a joint of its name"
-    two = {"time": m["time"], "goal_elbow": m["goal"], "pos_elbow": m["position"], **volts}
-    other = motion(seed=2)
-    two |= {"goal_wrist": other["goal"], "pos_wrist": other["position"]}
-    texts = proposed(table(tmp_path, two))[0]
-    assert texts["elbow.voltage"] == texts["wrist.voltage"] == "Vbat", "a bus has one supply"
-
-
-@pytest.mark.parametrize(("largest", "round_to", "asks"), [(4.0, 3, False), (400.0, 3, True), (40.0, 0, True)])
-def test_a_torque_of_no_small_servo_or_in_whole_numbers_is_asked_about(
-    tmp_path: Path, largest: float, round_to: int, asks: bool
-) -> None:
-    """400 of a register were taken for N.m of a servo of 2 N.m, where nobody objected."""
-    m = motion()
-    torque = np.round(largest * np.sin(3.0 * m["time"]), round_to)
-    _, _, asked = proposed(table(tmp_path, {"time": m["time"], "pos": m["position"], "torque": torque}))
-    assert ("joint.torque" in asked) is asks
-
-
-def test_a_goal_is_known_whatever_the_position_is_called(tmp_path: Path) -> None:
-    """'Goal [Grad]' beside 'Arm measured [Grad]' was 'goal of '', which has no position'."""
-    m = motion()
-    time, goal, position = m["time"], np.degrees(m["goal"]), np.degrees(m["smooth"])
-    for names in (
-        ("Goal [Grad]", "Arm measured [Grad]"),
-        ("Sollwert [Grad]", "Istwert [Grad]"),
-        ("Soll [°]", "Winkel"),
-    ):
-        texts, _, asked = proposed(table(tmp_path, {"Zeit [s]": time, names[0]: goal, names[1]: position}))
-        joint = next(name for name in texts if name.endswith(".goal")).partition(".")[0]
-        assert texts[f"{joint}.goal"] == f"`{names[0]}`*pi/180" and f"{joint}.position" in texts
-        assert not asked or names[1] == "Winkel", "which says no unit"
-    strays = {"time": time, "goal_wrist": np.cos(9.0 * time), "pos_elbow": m["smooth"]}
-    assert "wrist" not in str(proposed(table(tmp_path, strays))[0]), "what does not move it is not its goal"
 
 
 def test_an_open_question_holds_the_import_and_yes_leaves_its_columns_out(
