@@ -55,6 +55,7 @@ class Guard:
         dies, pressed: when it dies, and when the emergency stop is pressed, as seen at the next word [s]; None: never.
         called_at: when the loop first said that it brings the servos to rest [s]; None: never.
         left: servos that the loop could not release, as it said; None: it did not.
+        at_each: what else happens at each ``beat``, ``starting`` or ``resting`` that it hears.
     """
 
     def __init__(self, simulation: Simulation, rest: Rest = "release", patience: float = 1.0) -> None:
@@ -66,8 +67,10 @@ class Guard:
         self.pressed: float | None = None
         self.called_at: float | None = None
         self.left: list[str] | None = None
+        self.at_each: dict[str, Callable[[], object]] = {}
 
-    def _listens(self) -> bool:
+    def _listens(self, word: str = "") -> bool:
+        self.at_each.get(word, lambda: None)()
         now = self._simulation.port.now()
         if self.dies is not None and now >= self.dies:
             self.lives = False
@@ -78,13 +81,13 @@ class Guard:
         return self.lives
 
     def beat(self) -> bool:
-        return self._listens()
+        return self._listens("beat")
 
     def asking(self) -> bool:
         return self._listens()
 
     def starting(self) -> bool:
-        return self._listens()
+        return self._listens("starting")
 
     def release_only(self) -> None:
         self.heard.append("release only")
@@ -93,7 +96,7 @@ class Guard:
     def resting(self) -> bool:
         self.heard.append("resting")
         self.called_at = self._simulation.port.now() if self.called_at is None else self.called_at
-        return self._listens()
+        return self._listens("resting")
 
     def holding(self) -> bool:
         self.heard.append("held")

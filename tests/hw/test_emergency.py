@@ -101,16 +101,14 @@ def test_an_emergency_stop_releases_servos_that_were_to_be_held(button: Any, mon
     assert simulation.guard.heard[0] == "release only" and simulation.guard.heard[-1] == "dismiss"
 
 
-def test_ctrl_c_while_torque_comes_on_ends_that_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_while_torque_comes_on_ends_that_too() -> None:
     simulation = Simulation("row", latency=SLOW)
-    starting = simulation.guard.starting
 
-    def asked() -> bool:
+    def asked() -> None:
         if sum(simulation.torque) == 2:
             simulation.stop.ask("Ctrl-C")
-        return starting()
 
-    monkeypatch.setattr(simulation.guard, "starting", asked)
+    simulation.guard.at_each["starting"] = asked
     assert simulation.run(1.0).ending == "stopped"
     assert len([on for _, _, on in simulation.rig.history if on]) == 2 and not any(simulation.torque)
 
@@ -122,10 +120,10 @@ def test_on_two_adapters_no_further_servo_gets_torque_either() -> None:
     assert both.torque == [False, False] and len([on for _, _, on in both.rig.history if on]) == 1
 
 
-def test_the_supervisor_watches_before_the_first_servo_gets_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_supervisor_watches_before_the_first_servo_gets_torque() -> None:
     simulation = Simulation("row")
     heard: list[list[bool]] = []
-    monkeypatch.setattr(simulation.guard, "starting", lambda: not heard.append(simulation.torque))
+    simulation.guard.at_each["starting"] = lambda: heard.append(simulation.torque)
     assert simulation.run(0.5).ending == "finished"
     assert heard[0] == [False] * 4
     assert [sum(row) for row in heard] == [0, *(count for count in range(4) for _ in range(3))], "thrice for each servo"
@@ -327,22 +325,19 @@ def test_real_time_priority_is_given_back_or_refused_in_a_sentence() -> None:
 
 
 @pytest.mark.parametrize("latency", [0.001, 0.016])
-def test_a_joint_that_a_hand_moves_while_torque_comes_on_does_not_jump_back(
-    latency: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_joint_that_a_hand_moves_while_torque_comes_on_does_not_jump_back(latency: float) -> None:
     simulation = Simulation("row", latency=latency, limits={"speed": 200.0})
     machine, last = simulation.rig.machine, simulation.rig.servos[3]
-    starting, goals = simulation.guard.starting, list[float]()
+    goals = list[float]()
 
-    def moved() -> bool:
+    def moved() -> None:
         if sum(simulation.torque) == 2:  # the third servo is next, the last one after it
             machine.drivetrain.set_position(machine.names[3], machine.data.qpos, np.asarray(0.4))
-        return starting()
 
     def noted() -> None:
         goals.append(float(last.goal_steps() - last.sensors.steps) * last.model.step)
 
-    monkeypatch.setattr(simulation.guard, "starting", moved)
+    simulation.guard.at_each["starting"] = moved
     simulation.loop.each_cycle = noted
     assert simulation.run(0.1).fault is None
     assert abs(goals[0]) < 0.1, "it begins where the hand left it, but for what it swings"

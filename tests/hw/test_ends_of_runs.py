@@ -64,18 +64,14 @@ def test_a_supervisor_that_dies_as_the_servos_are_held_has_them_released(monkeyp
     assert simulation.torque == [False] * 4 and simulation.loop.holder is None
 
 
-def test_a_supervisor_that_dies_as_a_servo_cannot_be_held_has_the_others_released(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_supervisor_that_dies_as_a_servo_cannot_be_held_has_the_others_released() -> None:
     simulation = Simulation("row", rest="hold")
     simulation.fault("silence", at=0.5, servos=[2])
-    resting = simulation.guard.resting
 
-    def dying_then() -> bool:
-        simulation.guard.lives = simulation.guard.heard.count("resting") < 1
-        return resting()
+    def dying_then() -> None:
+        simulation.guard.lives = simulation.guard.heard.count("resting") < 2
 
-    monkeypatch.setattr(simulation.guard, "resting", dying_then)
+    simulation.guard.at_each["resting"] = dying_then
     outcome = simulation.run(1.0)
     assert outcome.rest == "release" and simulation.torque == [False, True, False, False]
     assert list(outcome.not_at_rest) == [2]

@@ -102,18 +102,14 @@ def test_an_exception_ends_in_the_release_and_its_report(silent: bool) -> None:
 # --- a release that fails -------------------------------------------------------------------------------------
 
 
-def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_waits(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_release_that_fails_is_said_at_the_first_servo_and_before_anybody_waits() -> None:
     simulation = Simulation("hopper", limits={"range_margin": 3.0, "speed": 200.0})
     begun: list[float] = []
-    resting = simulation.guard.resting
 
-    def noted() -> bool:
+    def noted() -> None:
         begun.append(simulation.port.now())
-        return resting()
 
-    monkeypatch.setattr(simulation.guard, "resting", noted)
+    simulation.guard.at_each["resting"] = noted
     simulation.loop.each_cycle = lambda: simulation.fault("silence", servos=[1, 2]) or "enough"
     outcome = simulation.run()
     assert set(outcome.not_at_rest) == {1, 2} and simulation.guard.left == ["1", "2"], "the others are released"
@@ -380,9 +376,7 @@ def parked(*robot: str, **keys: Any) -> Simulation:
     ("maker", "stopped", "within"),
     [("feetech", False, 0.1), ("feetech", True, 0.1), ("dynamixel", False, 0.12)],
 )
-def test_a_robot_sits_down_before_it_is_released(
-    maker: str, stopped: bool, within: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_sits_down_before_it_is_released(maker: str, stopped: bool, within: float) -> None:
     simulation = parked(*MAKERS[maker])
     if stopped:
         asks = iter(["enough"])
@@ -392,13 +386,11 @@ def test_a_robot_sits_down_before_it_is_released(
             else None
         )
     places: list[float] = []
-    beat = simulation.guard.beat
 
-    def noted() -> bool:
+    def noted() -> None:
         places.append(simulation.rig.machine.position(0))
-        return beat()
 
-    monkeypatch.setattr(simulation.guard, "beat", noted)
+    simulation.guard.at_each["beat"] = noted
     outcome = simulation.run(2.0)
     assert outcome.ending == ("stopped" if stopped else "finished") and simulation.torque == [False]
     assert places[-1] == pytest.approx(-0.9, abs=within), "it is at its park pose when torque goes off"
@@ -406,18 +398,17 @@ def test_a_robot_sits_down_before_it_is_released(
 
 
 @pytest.mark.long
-def test_a_further_stop_and_a_fault_cut_the_way_down_short(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_further_stop_and_a_fault_cut_the_way_down_short() -> None:
     simulation = parked()
     begun: list[float] = []
 
-    def beat() -> bool:
+    def beat() -> None:
         if simulation.loop.state == "sitting down":
             begun.append(simulation.port.now())
             if len(begun) == 5:
                 simulation.stop.ask("Ctrl-C")
-        return True
 
-    monkeypatch.setattr(simulation.guard, "beat", beat)
+    simulation.guard.at_each["beat"] = beat
     simulation.run(1.0)
     assert simulation.torque == [False] and simulation.port.now() - begun[4] < 0.05
     simulation = parked(faults=[{"kind": "overheat", "at": 2.2}])

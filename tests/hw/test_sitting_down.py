@@ -29,21 +29,17 @@ def sitting(motion: bool = True, **keys: Any) -> Simulation:
     return simulation
 
 
-def test_a_cycle_in_which_nobody_answers_does_not_send_it_back_to_where_the_motion_began(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_cycle_in_which_nobody_answers_does_not_send_it_back_to_where_the_motion_began() -> None:
     simulation = sitting(limits={"log_only": ["goal_speed", "following"]})
     sent: list[float] = []
-    beat = simulation.guard.beat
 
-    def noted() -> bool:
+    def noted() -> None:
         if simulation.loop.state == "sitting down":
             sent.append(float(simulation.loop.sent[0]))
             if len(sent) in (80, 100, 101):
                 simulation.fault("drop", seconds=0.015)
-        return beat()
 
-    monkeypatch.setattr(simulation.guard, "beat", noted)
+    simulation.guard.at_each["beat"] = noted
     outcome = simulation.run(1.0)
     assert outcome.ending == "finished" and outcome.bus["NoReplyError"] >= 4
     assert np.abs(np.diff(sent)).max() < 0.02, "1 rad/s at most, in a cycle of 10 ms"
@@ -68,17 +64,15 @@ def test_a_dead_mans_switch_that_is_let_go_releases_at_once(when: str) -> None:
     assert len(let_go) == 1 and simulation.rig.history[-1][0] - let_go[0] < 0.02
 
 
-def test_the_way_down_is_logged_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_way_down_is_logged_and_shown(tmp_path: Path) -> None:
     simulation = sitting(folder=tmp_path, motion=False)
     titles: list[str] = []
-    beat = simulation.guard.beat
 
-    def noted() -> bool:
+    def noted() -> None:
         if simulation.loop.state == "sitting down":
             titles.append(str(picture(simulation.loop).title))
-        return beat()
 
-    monkeypatch.setattr(simulation.guard, "beat", noted)
+    simulation.guard.at_each["beat"] = noted
     simulation.run(1.0)
     (begun,) = [e["time"] for e in read_events(tmp_path / "run.csv") if e["event"] == "sitting down"]
     run = read_measured(tmp_path / "run.csv").runs[0]
@@ -112,18 +106,14 @@ def test_every_robot_ends_well_wherever_its_policy_leaves_it(kind: str, starts: 
         assert many_starts.well("ends", row), row
 
 
-def test_a_joint_that_does_not_get_to_its_park_pose_is_released_at_once_and_that_is_no_fault(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_joint_that_does_not_get_to_its_park_pose_is_released_at_once_and_that_is_no_fault(tmp_path: Path) -> None:
     simulation = sitting(folder=tmp_path)
-    beat = simulation.guard.beat
 
-    def noted() -> bool:
+    def noted() -> None:
         if simulation.loop.state == "sitting down":
             simulation.rig.held = "order"  # as the ground holds a leg
-        return beat()
 
-    monkeypatch.setattr(simulation.guard, "beat", noted)
+    simulation.guard.at_each["beat"] = noted
     outcome = simulation.run(0.5)
     assert (outcome.ending, outcome.fault, simulation.torque) == ("finished", None, [False])
     assert outcome.note.startswith("The robot was released before it sat: joint joint (servo 1)")
@@ -135,19 +125,17 @@ def test_a_joint_that_does_not_get_to_its_park_pose_is_released_at_once_and_that
 
 
 @pytest.mark.long
-def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_hopper_folds_its_leg_before_it_is_released_as_its_file_says() -> None:
     settings = config("robot=hopper", patient=False)
     assert settings["robot"]["rest"] == "sit" and prepare({**settings, "reference": True}).park is not None
     simulation = Simulation("hopper", commands=Reference, limits={"range_margin": 3.0})
     simulation.loop.park = park_motion(settings["robot"]["park"], simulation.robot)
     machine, heights = simulation.rig.machine, list[float]()
-    beat = simulation.guard.beat
 
-    def noted() -> bool:
+    def noted() -> None:
         heights.append(machine.base()[0]["base_z"])
-        return beat()
 
-    monkeypatch.setattr(simulation.guard, "beat", noted)
+    simulation.guard.at_each["beat"] = noted
     outcome = simulation.run(0.5)
     assert outcome.ending == "finished", outcome.fault
     assert heights[-1] < 0.7 * heights[0] and abs(machine.base()[1]["base_z"]) < 0.1, "low, and at rest"
