@@ -7,7 +7,7 @@ from typing import Any
 
 
 def raising(error: Exception) -> Callable[..., Any]:
-    def fails(*given: Any) -> Any:
+    def fails(*given: Any, **more: Any) -> Any:
         raise error
 
     return fails

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -152,12 +152,12 @@ def test_a_bug_is_told_in_a_sentence_and_its_place_in_a_file(
     assert [run(fails, "diagnose", "", ["log=a b"]) for _ in range(2)] == [BUG, BUG]
     said = capsys.readouterr().err.strip().splitlines()
     assert said[0] == "TORQUE MAY BE ON at servo(s) 1: CUT THE POWER." and len(said) == 4
-    place = r"tests/gap/finder/test_bugs\.py line \d+\."
+    place = r"tests/gap/finder/test_requests\.py line \d+\."
     assert re.match(rf"A bug of sealegs ended this: KeyError \('elbow'\) in {place}", said[1])
     reports = sorted(tmp_path.glob("sealegs-bug-*.txt"))
     assert len(reports) == 2 and reports[0].name in said[1] + said[3]
     text = reports[0].read_text()
-    assert "command: sealegs diagnose 'log=a b'" in text and "Traceback" in text and "test_bugs.py" in text
+    assert "command: sealegs diagnose 'log=a b'" in text and "Traceback" in text and "test_requests.py" in text
 
 
 def fails_at_b(machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
@@ -174,16 +174,11 @@ def test_a_bug_at_one_joint_leaves_the_others_theirs(workers: int) -> None:
         dict.fromkeys("abc", fails_at_b), Machine.of(()), (), Request(), workers, lambda joint: None, errors
     )
     assert [joint.joint for joint in joints] == ["a", "c"] and [*errors] == ["b"]
-    assert re.fullmatch(r"tests/gap/finder/test_bugs\.py line \d+", place_of(errors["b"])), "also of another process"
+    assert re.fullmatch(r"tests/gap/finder/test_requests\.py line \d+", place_of(errors["b"])), (
+        "also of another process"
+    )
     with pytest.raises(LookupError, match="no such thing"):
         side_by_side(dict.fromkeys("abc", fails_at_b), Machine.of(()), (), Request(), workers, lambda joint: None)
-
-
-def fails_with(error: Exception) -> Callable[..., Any]:
-    def fails(*given: Any, **more: Any) -> Any:
-        raise error
-
-    return fails
 
 
 def test_what_was_found_beside_a_bug_is_written_before_it_is_told(
@@ -193,7 +188,7 @@ def test_what_was_found_beside_a_bug_is_written_before_it_is_told(
     written: list[Path] = []
     found = Diagnosis("log", ("run",), (refuse("a", Refused("a", "it is only a test")),))
     monkeypatch.setattr(Diagnosis, "save", lambda self, out, progress: written.append(out))
-    monkeypatch.setattr("sealegs.gap.diagnose.diagnose", fails_with(Unforeseen({"b": IndexError("none")}, found)))
+    monkeypatch.setattr("sealegs.gap.diagnose.diagnose", raising(Unforeseen({"b": IndexError("none")}, found)))
     assert run(lambda _: jobs.diagnose_folder(tmp_path / "log", tmp_path / "out") and None, "diagnose", "", []) == BUG
     assert written == [tmp_path / "out"]
     assert (
