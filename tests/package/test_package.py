@@ -22,7 +22,7 @@ from sealegs.commands.cli import COMMANDS
 
 from tests.made_once import folder_made_once, made_once
 
-REPOSITORY = Path(__file__).resolve().parents[1]
+REPOSITORY = Path(__file__).resolve().parents[2]
 PARTS = ("actuators", "agents", "commands", "common", "configs", "envs", "evaluation", "gap", "hw")
 NAMES = (
     "envs",
