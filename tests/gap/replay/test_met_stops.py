@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -34,7 +35,7 @@ class Scripted:
     goal: np.ndarray
     measured: np.ndarray
     onward: np.ndarray
-    on: np.ndarray
+    on: np.ndarray = field(default_factory=lambda: np.ones(len(TIME), bool))
     side: float = 1.0
     runs: int = 1
     softness: float = 0.0
@@ -71,84 +72,69 @@ def rubbing(goal: np.ndarray, half: float) -> np.ndarray:
     return at
 
 
-def test_goals_that_go_beyond_a_stop_meet_it() -> None:
-    goal = swing(0.3)
-    log = Scripted(goal, np.minimum(goal, STOP), goal, np.ones(len(goal), bool))
-    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
-    mirrored = Scripted(-goal, -np.minimum(goal, STOP), -goal, log.on, side=-1.0)
-    assert not unmet(mirrored.problem(), LOWER, {"load.lower_stop": -STOP})
-
-
-def test_a_soft_stop_is_met_where_the_joint_rests_against_it_and_not_only_where_it_ran_into_it() -> None:
-    """A gripper's jaw ran 30 mrad into one of 200 N.m/rad: visits to all but the last 7 mrad of it were none, and a
-    stop that took the loss from 141,000 to 2,900 was no candidate.
-    """
-    goal = swing(0.3)
-    onward = np.where(np.abs(TIME - 20.0) < 0.05, 0.9, goal)
-    log = Scripted(goal, np.minimum(goal, STOP), onward, np.ones(len(goal), bool), softness=0.04)
-    problem = log.problem()
-    assert not unmet(problem, UPPER, {"load.stop_angle": STOP})
-
-
-def test_a_stop_that_only_cuts_off_what_friction_holds_is_not_met() -> None:
-    """Goals of a public arm's chirp ended at 0.150 rad; friction held the joint at 0.153 while they went back."""
-    goal = swing(0.15)
-    measured = rubbing(goal, 0.03) + 0.033  # it sags, so that it comes a little past its goals
-    log = Scripted(goal, measured, measured + 0.02 * (measured > 0.13), np.ones(len(goal), bool))
-    assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
-
-
-@pytest.mark.parametrize("half", [0.02, 0.03, 0.05])
-def test_friction_that_a_drive_cannot_overcome_is_no_stop_though_goals_go_further(half: float) -> None:
-    goal = swing(STOP + half)
-    measured = rubbing(goal, half)
-    log = Scripted(goal, measured, measured + 0.02 * (measured > STOP - 0.02), np.ones(len(goal), bool))
-    assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
-
-
-def test_a_soft_drive_that_stays_behind_its_goals_everywhere_meets_no_stop() -> None:
-    goal = swing(0.17)
-    measured = goal - 0.02 * np.sign(goal)
-    log = Scripted(goal, measured, measured + 0.015, np.ones(len(goal), bool))
-    assert unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
-
-
-def test_a_jab_beyond_a_stop_meets_it_though_friction_holds_the_joint_there_for_long() -> None:
+def jabbed() -> Scripted:
+    """Short goals beyond the stop between long ones at which friction holds the joint."""
     phase = TIME % 6.0
     goal = np.select([phase < 0.14, phase < 2.5, phase < 4.0], [0.30, 0.13, -0.2], 0.13)
-    free = rubbing(goal, 0.03)
-    stopped = np.zeros_like(free)
+    stopped = np.zeros_like(goal)
     for k in range(1, len(goal)):
         stopped[k] = min(max(stopped[k - 1], goal[k] - 0.03), goal[k] + 0.03, STOP)
-    log = Scripted(goal, stopped, free, np.ones(len(goal), bool))
-    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+    return Scripted(goal, stopped, rubbing(goal, 0.03))
 
 
-def test_a_load_that_meets_a_stop_with_a_soft_gain_alone_is_asked_run_by_run() -> None:
-    goal = np.tile(swing(0.12)[: len(TIME) // 2], 2)
-    onward = goal + np.where(np.arange(len(TIME)) < len(TIME) // 2, 0.08, 0.02)
-    log = Scripted(goal, np.minimum(onward, STOP), onward, np.ones(len(goal), bool), runs=2)
-    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+def held(top: float, measured: Callable[[np.ndarray], np.ndarray], above: float, onward: float) -> Scripted:
+    """A joint that the stop would stop only where it stands above an angle [rad], and only by so much [rad]."""
+    goal = swing(top)
+    at = measured(goal)
+    return Scripted(goal, at, at + onward * (at > above))
 
 
-def test_a_load_that_the_drive_works_against_may_meet_a_stop_short_of_its_goals() -> None:
-    goal = swing(0.12)
-    sagging = goal + 0.08  # a spring-like drive under a load
-    log = Scripted(goal, np.minimum(sagging, STOP), sagging, np.ones(len(goal), bool))
-    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+def loaded(onward: np.ndarray, goal: np.ndarray | None = None, runs: int = 1) -> Scripted:
+    """A joint that would go further than its goals."""
+    return Scripted(swing(0.12) if goal is None else goal, np.minimum(onward, STOP), onward, runs=runs)
 
 
-def test_a_joint_whose_drive_is_off_falls_on_to_a_stop() -> None:
-    off = np.full(len(TIME), False)
-    falling = np.minimum(0.02 * TIME, 0.3)
-    log = Scripted(np.zeros(len(TIME)), np.minimum(falling, STOP), falling, off)
-    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+HALF = len(TIME) // 2
+TWICE = np.tile(swing(0.12)[:HALF], 2)
+BEYOND, FALLING = swing(0.3), np.minimum(0.02 * TIME, 0.3)
+MET = {
+    "goals that go beyond it": loaded(BEYOND, BEYOND),
+    "the same on the other side": Scripted(-BEYOND, -np.minimum(BEYOND, STOP), -BEYOND, side=-1.0),
+    # A gripper's jaw ran 30 mrad into one of 200 N.m/rad: visits to all but the last 7 mrad of it were none, and a stop
+    # that took the loss from 141,000 to 2,900 was no candidate.
+    "a soft stop, where the joint rests against it and not only where it ran into it": Scripted(
+        BEYOND, np.minimum(BEYOND, STOP), np.where(np.abs(TIME - 20.0) < 0.05, 0.9, BEYOND), softness=0.04
+    ),
+    "a jab beyond it, though friction holds the joint there for long": jabbed(),
+    "a load that meets it with a soft gain alone, asked run by run": loaded(
+        TWICE + np.where(np.arange(len(TIME)) < HALF, 0.08, 0.02), TWICE, runs=2
+    ),
+    "a load that the drive works against, short of its goals": loaded(swing(0.12) + 0.08),
+    "a joint that falls on to it with its drive off": replace(
+        loaded(FALLING, np.zeros(len(TIME))), on=np.full(len(TIME), False)
+    ),
+    "nothing comes to it": loaded(swing(0.1), swing(0.1)),
+}
+NOT_MET = {
+    # Goals of a public arm's chirp ended at 0.150 rad; friction held the joint at 0.153 while they went back.
+    "it only cuts off what friction holds": held(0.15, lambda goal: rubbing(goal, 0.03) + 0.033, 0.13, 0.02),
+    **{
+        f"friction of {half} rad that the drive cannot overcome, though goals go further": held(
+            STOP + half, partial(rubbing, half=half), STOP - 0.02, 0.02
+        )
+        for half in (0.02, 0.03, 0.05)
+    },
+    "a soft drive that stays behind its goals everywhere": held(
+        0.17, lambda goal: goal - 0.02 * np.sign(goal), -np.inf, 0.015
+    ),
+}
 
 
-def test_a_stop_that_nothing_comes_to_is_no_matter() -> None:
-    goal = swing(0.1)
-    log = Scripted(goal, goal, goal, np.ones(len(goal), bool))
-    assert not unmet(log.problem(), UPPER, {"load.stop_angle": STOP})
+@pytest.mark.parametrize(("why", "met"), [*((why, True) for why in MET), *((why, False) for why in NOT_MET)])
+def test_a_stop_is_met_where_something_pushes_the_joint_on_to_it(why: str, met: bool) -> None:
+    log = (MET if met else NOT_MET)[why]
+    parameters, end = (UPPER, "load.stop_angle") if log.side > 0.0 else (LOWER, "load.lower_stop")
+    assert bool(unmet(log.problem(), parameters, {end: log.side * STOP})) is not met
 
 
 def bench(effects: Mapping[str, float | str]) -> FreeProblem:
