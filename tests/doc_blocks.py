@@ -186,7 +186,7 @@ NOT_RUN = {
     "python -m benchmarks": "takes minutes to days; only its --help is run",
     "fleet=true": "compiles again in its workers: tests/gap/fleet/test_fleet.py diagnoses one",
     "train env=hexapod": "takes a minute: tests/envs/test_hexapod.py trains it",
-    "paper=": "takes up to minutes a robot: tests/test_<robot>_paper.py",
+    "paper=": "takes up to minutes a robot: tests/papers",
     "sealegs loop\n": "train-and-deploy.md runs it",
     "sealegs hub": "needs an account: tests/agents/test_hub.py serves a hub",
     "plugins=": "would stay in this process: tests/actuators/test_plugins.py runs it",
