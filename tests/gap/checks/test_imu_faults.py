@@ -17,9 +17,8 @@ from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
 
-from testbed.imu import BoughtImu
 from testbed.logs import measured_run
-from testbed.quadruped import record_walker
+from testbed.quadruped import BoughtImu, record_walker
 
 BELIEVED = {"delay": 0.01, "bias": {"orientation": 0.01, "turn_rate": 0.005}}
 SWAPPED = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
