@@ -53,7 +53,7 @@ def test_single_vector_and_sb3_move_alike_with_randomisation_and_new_episodes(
     np.testing.assert_array_equal(observed, sb3.reset())
     np.testing.assert_array_equal(observed, [env.reset(seed=seed + i)[0] for i, env in enumerate(singles)])
     ended = 0
-    for action in actions(steps, count, vector.action_space.shape[-1]):
+    for action in actions(steps, count, gym.spaces.flatdim(vector.single_action_space)):
         observed, rewards, terminated, truncated, infos = vector.step(action)
         sb3_observed, sb3_rewards, dones, sb3_infos = sb3.step(action)
         np.testing.assert_array_equal(observed, sb3_observed)
