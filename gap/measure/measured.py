@@ -30,7 +30,17 @@ from .harm import harm
 from .named import Error, NamedCause, OpenCause, Value
 from .shares import by_effect
 from .signatures import Signature, disagreeing, signatures
-from .unseen import Handed, Model, crossed_errors, effective, handed_over, near_misses, outdone, refitted_numbers
+from .unseen import (
+    Handed,
+    Model,
+    crossed_errors,
+    effective,
+    handed_over,
+    near_misses,
+    outdone,
+    refitted_numbers,
+    with_effect,
+)
 
 NOT_TUNED = Error(float("nan"), float("nan"))
 
@@ -121,6 +131,7 @@ def measure(replay: Replay, search: Search, joint: str, seed: int) -> Measured:
     drifts = problem.joint if problem.open_loop and replay.of_robot else None
     if drifts is not None and model.search.accepted:
         model = model.with_fit(begun_fit(drifts, model.search.parameters(), model.fitted, search.settings.iterations))
+    model = with_effect(problem, fitting, model)
     sought, open_causes = model.search, model.withdrawn
     tuned = model.fitted
     if sought.accepted:

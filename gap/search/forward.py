@@ -18,7 +18,7 @@ from . import decide
 from .correlated import excess
 from .fit import Fit, fit, merge, middle
 from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
-from .result import Candidate, Round, Search
+from .result import Candidate, Round, Search, among_rivals
 from .rough import charged, rough_fits, to_try
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
@@ -89,9 +89,9 @@ class Searcher:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
             self.progress(fault)
         return Search(
-            self.tuned, accepted=tuple(found.accepted), rounds=tuple(found.rounds), counts=self.counts, base=base.fits,
-            causes=self.considered, settings=self.settings, record=SearchRecord(self.seed, tuple(found.steps)),
-            fault=fault,
+            self.tuned, accepted=among_rivals(found.accepted, found.rounds), rounds=tuple(found.rounds),
+            counts=self.counts, base=base.fits, causes=self.considered, settings=self.settings,
+            record=SearchRecord(self.seed, tuple(found.steps)), fault=fault,
         )  # fmt: skip
 
     def unled(self, found: Found) -> bool:

@@ -26,7 +26,8 @@ class Candidate:
         fits: on the two parts, each judged on the other.
         evidence: what is decided on.
         better: share of bootstrap draws in which it lowers the loss at all.
-        best: share of draws in which it is the best of the round (win rate).
+        best: share of draws in which it is the best of the round (win rate); of one that was accepted, as
+            :func:`among_rivals` has it.
         gain: share of the excess loss that it removes, at most 1: the excess is an estimate.
     """
 
@@ -59,6 +60,23 @@ class Round:
     candidates: tuple[Candidate, ...]
     accepted: bool
     excess: float = 0.0
+
+
+def among_rivals(accepted: Sequence[Candidate], rounds: Sequence[Round]) -> tuple[Candidate, ...]:
+    """Accepted causes with their win rates in the draws that none wins which is accepted beside them.
+
+    What is accepted beside a cause explains another part of the error. It is no rival, whichever came first.
+
+    Args:
+        accepted: in the order in which they were.
+        rounds: of the search.
+    """
+    keys, found = {candidate.cause.key for candidate in accepted}, []
+    for candidate, step in zip(accepted, [r for r in rounds if r.accepted], strict=True):
+        others = [c for c in step.candidates if c.cause.key != candidate.cause.key]
+        left = candidate.best + sum(c.best for c in others if c.cause.key not in keys)
+        found.append(replace(candidate, best=candidate.best / left if left > 0.0 else 0.0))
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)

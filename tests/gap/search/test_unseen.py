@@ -22,7 +22,7 @@ from sealegs.gap.search.bounded import root_of, solved
 from sealegs.gap.search.decide import Standing, is_near, shortfalls
 from sealegs.gap.search.fit import Fit
 from sealegs.gap.search.forward import Searcher
-from sealegs.gap.search.result import Candidate, Round, Search
+from sealegs.gap.search.result import Candidate, Round, Search, among_rivals
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE
 
@@ -282,6 +282,54 @@ def test_a_rival_that_is_named_beside_a_cause_is_none() -> None:
     assert both.rivals(0) == ("other",) and both.rivals(1) == ()
     alone = replace(both, accepted=(d,), rounds=(rounds[0], rounds[2]))
     assert alone.rivals(0) == ("l", "other")
+
+
+def test_a_cause_is_as_sure_as_it_wins_where_none_wins_that_is_named_beside_it() -> None:
+    """Viscous friction won 58 % of the draws of a carriage, dry friction the rest; both were there, and were named."""
+    viscous, dry, other = (_accepted(name, SIZE, 0.4) for name in ("v", "d", "other"))
+    tied = (replace(viscous, best=0.6), replace(dry, best=0.2), replace(other, best=0.2))
+    second = (replace(dry, best=0.9), replace(other, best=0.1))
+    rounds = (Round(BEFORE, tied, True), Round(BEFORE, second, True))
+    accepted = tuple(step.candidates[0] for step in rounds)
+    assert [c.best for c in among_rivals(accepted, rounds)] == pytest.approx([0.75, 0.9])
+    assert [c.best for c in among_rivals(accepted[:1], rounds[:1])] == pytest.approx([0.6])
+
+
+@pytest.mark.parametrize(
+    ("losses", "left"),
+    [
+        ({"": 60.0, "d": 1.0, "l": 60.0, "dl": 1.0}, ["d"]),  # a stop that no piece reaches, whatever its value
+        ({"": 60.0, "d": 1.2, "l": 40.0, "dl": 1.0}, ["d", "l"]),
+        ({"": 60.0, "d": 1.0, "l": 1.0, "dl": 1.0}, ["d"]),  # of two that do the same, the first
+        ({"": 1.02, "d": 1.01, "l": 1.0, "dl": 1.0}, []),
+    ],
+)
+def test_a_cause_that_may_be_put_back_without_a_larger_loss_is_withdrawn(
+    losses: dict[str, float], left: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stop at the end of a carriage's motion, met by no piece that was judged, was named with 0.0 of the gap."""
+    accepted = tuple(_accepted(name, parameter, 0.0) for name, parameter in (("d", SIZE), ("l", SPEED)))
+    names = {SIZE.path: "d", SPEED.path: "l"}
+
+    class Judged(_Believed):
+        def blocks(self) -> Any:
+            return None, np.array([1.0, 1.0])
+
+        def simulate(self, rows: list[dict[str, float]]) -> Any:
+            return [losses["".join(sorted(names[path] for path in row))] for row in rows]
+
+        def block_errors(self, row: float) -> np.ndarray:
+            return np.array([row, row])
+
+    monkeypatch.setattr(unseen, "coarsened", lambda problem, settings: problem)
+    monkeypatch.setattr(unseen, "refitted", lambda *given: ((NO_FIT, NO_FIT), BEFORE))
+    rounds = tuple(Round(BEFORE, (candidate,), accepted=True) for candidate in accepted)
+    judged: Any = Judged((nominal(),))
+    model = unseen.Model(Search((), accepted, rounds, COUNTS, (NO_FIT, NO_FIT)), NO_FIT, {})
+    found = unseen.with_effect(judged, judged, model)
+    assert [c.cause.name for c in found.search.accepted] == left
+    assert [names[path] for path in found.fitted.values] == left
+    assert [c.name for c in found.withdrawn] == [name for name in ("l", "d") if name not in left]
 
 
 def test_an_interval_that_fills_the_range_tried_is_no_measurement() -> None:
