@@ -22,9 +22,8 @@ from sealegs.gap.finder.imu import diagnose_imu
 
 from benchmarks import study
 from benchmarks.speed import RESULTS
-from testbed.imu import BoughtImu
 from testbed.logs import measured_run
-from testbed.quadruped import record_walker
+from testbed.quadruped import BoughtImu, record_walker
 
 FILE = RESULTS / "hidden_imu.jsonl"
 FIRST_SEED, SEEDS = 901, 10
