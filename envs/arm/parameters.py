@@ -46,10 +46,21 @@ def body_of(values: Mapping[str, float], name: str) -> Body:
 
 def without_rotors() -> dict[str, float]:
     """Numbers of tables II and III in place of VIII and IX: three links, and rotors that weigh nothing."""
+    return _links(SIMPLE)
+
+
+def rotors_at_rest() -> dict[str, float]:
+    """Numbers of an arm whose rotors are parts of the bodies that they stand on, and weigh nothing of their own."""
+    links = {f"link{k}": FLEXIBLE[f"link{k}"].joined(FLEXIBLE[f"rotor{k + 1}"]) for k in (1, 2)}
+    return _links({**links, "link3": FLEXIBLE["link3"]})
+
+
+def _links(bodies: Mapping[str, Body]) -> dict[str, float]:
+    """Numbers of an arm of these links, whose rotors weigh nothing."""
     values: dict[str, float] = {}
     for name in FLEXIBLE:
-        if name in SIMPLE:
-            body = SIMPLE[name]
+        if name in bodies:
+            body = bodies[name]
             values[f"{name}_mass"] = body.mass
             inertia = body.inertia
             values |= {f"{name}_{axis}": value for axis, value in zip("xyz", body.centre, strict=True)}

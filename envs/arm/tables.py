@@ -47,6 +47,18 @@ class Body:
         own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return self.turn @ own @ self.turn.T
 
+    def joined(self, other: Body) -> Body:
+        """Both as one body, in the axes of this one."""
+        mass = self.mass + other.mass
+        centre = (self.mass * np.array(self.centre) + other.mass * np.array(other.centre)) / mass
+        whole = np.zeros((3, 3))
+        for body in (self, other):
+            aside = np.array(body.centre) - centre
+            whole += body.tensor() + body.mass * (aside @ aside * np.eye(3) - np.outer(aside, aside))
+        own = self.turn.T @ whole @ self.turn
+        xx, yy, zz, xy, xz, yz = (float(own[pair]) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        return Body(mass, (xx, yy, zz, xy, xz, yz), (float(centre[0]), float(centre[1]), float(centre[2])), self.tilted)
+
 
 FLEXIBLE: Mapping[str, Body] = {
     "rotor1": Body(

@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 
 from ...actuators import Drivetrain, load_chain
 from ...common.errors import SealegsError
+from ...envs.arm.parameters import rotors_at_rest
 from ...envs.arm.robot import ARM
 from ...envs.arm.tables import DAMPING, FLEXIBLE, JOINTS, STIFFNESS
 from ...envs.arm.trajectory import Line
@@ -130,6 +131,15 @@ def ideal_torques(line: Line, params: Mapping[str, float] | None = None, axes: A
     times = half * (1.0 + chebyshev.chebpts1(NODES))
     fitted = chebyshev.chebfit(times / half - 1.0, inverse(line, times, params, axes), DEGREE)
     return lambda time: chebyshev.chebval(np.asarray(time) / half - 1.0, fitted).T
+
+
+def spinning_torques(line: Line) -> Torques:
+    """Torques of the ideal robot if its rotors only spin [1, 2]: else they are parts of the bodies that they stand on.
+
+    Their energy is that of their own rotation; that the links before them turn them, too, is left out.
+    """
+    whole, spin = ideal_torques(line, rotors_at_rest()), np.array([rotor_inertia(k) for k in range(len(JOINTS))])
+    return lambda time: whole(time) + spin * line.joints(np.asarray(time))[2]
 
 
 def inverse(

@@ -12,8 +12,18 @@ from ...envs.arm.parameters import without_rotors
 from ...envs.arm.tables import DAMPING, JOINTS, STIFFNESS
 from ...envs.arm.trajectory import Line
 from .axes import SIMPLE_HINGES, SIMPLE_TORQUES, tilt
-from .control import Robust, closed_loop
-from .dynamics import FINAL_MODEL, PERFECT, Joints, Motion, Three, Torques, ideal_torques, open_loop
+from .control import Robust, closed_loop, mass_matrices
+from .dynamics import (
+    FINAL_MODEL,
+    PERFECT,
+    Joints,
+    Motion,
+    Three,
+    Torques,
+    ideal_torques,
+    open_loop,
+    spinning_torques,
+)
 from .readings import Outcome, outcome, readings, referred
 
 MARKS = (1.0, 30.0)  # [mm] of section 5.1
@@ -24,6 +34,7 @@ BASES = (1e-4, 1e-3, 1e-2, 1e-1)  # c_r of two joints beside which the third's i
 BESIDE = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # that third c_r
 HIGHEST = 0.1  # [N.m.s/rad] the c_r1 for which c_r3 is drawn: the tool still follows the line
 STEPS = (0.001, 0.0005)  # [s] of arms with springs, to see what the step does
+SLOWER = 4.0  # times the paper's time of a slow motion
 SMOOTHING = (5, 7, 9, 11)  # degrees of polynomials that smooth the torques; the paper's is not printed
 
 
@@ -33,8 +44,7 @@ class Results:
 
     Attributes:
         final: table X under the torques of the ideal arm.
-        parts: table X's dampers alone, and its springs alone; and both in the other place of Fig. 1: springs between
-            stator and rotor, dampers beside the springs between rotor and link.
+        parts: table X's springs alone, and the same springs between stator and rotor.
         stator: largest deviation [mm] with each of :data:`STATOR`.
         spring: with each of :data:`SPRING`.
         damping: motions with each of :data:`DAMPINGS` in one joint, by joint.
@@ -47,6 +57,9 @@ class Results:
         tilted_torque: largest deviation of the ideal arm where the torque of joint 2 acts on table VII's axis [mm].
         varied: table X's deviation, its dampers' and its springs' [mm] with other assumptions.
         smoothed: largest deviation of the ideal arm [mm] by degree of the polynomials that smooth its torques.
+        spinning: largest deviation of the ideal arm [mm] under the torques of rotors that only spin, by time of the
+            motion [s].
+        least_inertia: least eigenvalue of the mass matrix along the line [kg.m2].
         controlled: largest error [mm] by arm and controller.
     """
 
@@ -64,6 +77,8 @@ class Results:
     tilted_torque: float
     varied: dict[str, tuple[float, float, float]]
     smoothed: dict[int, float]
+    spinning: dict[float, float]
+    least_inertia: float
     controlled: dict[str, dict[str, float]]
 
 
@@ -90,19 +105,17 @@ def run(say: Callable[[str], None]) -> Results:
     """All experiments."""
     say("torques of the ideal robot on perfect, damped and sprung joints")
     damping, third, changed = parametric_study()
-    ideal, damped, held, *stator = open_loop(
+    ideal, held, *stator = open_loop(
         [
             PERFECT,
-            Joints(DAMPING),
             Joints(stator_stiffness=STIFFNESS),
             *(Joints(stator_stiffness=alike(float(k))) for k in STATOR),
         ]
     )
     say("springs between rotors and links")
     sprung = Joints(link_stiffness=STIFFNESS)
-    beside = Joints(link_stiffness=STIFFNESS, link_damping=DAMPING)
-    final, springs, damped_springs, *soft = open_loop(
-        [FINAL_MODEL, sprung, beside, *(Joints(link_stiffness=alike(float(value))) for value in SPRING)]
+    final, springs, *soft = open_loop(
+        [FINAL_MODEL, sprung, *(Joints(link_stiffness=alike(float(value))) for value in SPRING)]
     )
     say("readings of the final model")
     outcomes = {name: outcome(reading) for name, reading in readings().items()}
@@ -115,7 +128,7 @@ def run(say: Callable[[str], None]) -> Results:
     say("controllers")
     return Results(
         final=final,
-        parts={"dampers": damped, "springs": springs, "springs at the stator": held, "with dampers": damped_springs},
+        parts={"springs": springs, "springs at the stator": held},
         stator=_largest(stator),
         spring=_largest(soft),
         damping=damping,
@@ -128,6 +141,8 @@ def run(say: Callable[[str], None]) -> Results:
         tilted_torque=tilted_torque(),
         varied=varied,
         smoothed=smoothed(),
+        spinning=spinning(),
+        least_inertia=float(np.linalg.eigvalsh(mass_matrices(Line().joints(np.linspace(0.0, 5.0, 51))[0])).min()),
         controlled=controlled(),
     )
 
@@ -169,6 +184,12 @@ def smoothed() -> dict[int, float]:
     for degree in SMOOTHING:
         found[degree] = open_loop([PERFECT], torques=_polynomial(moments, exact, degree, line.seconds))[0].largest
     return found
+
+
+def spinning() -> dict[float, float]:
+    """Largest deviation of the ideal arm [mm] under the torques of rotors that only spin, by time of the motion [s]."""
+    lines = [Line(), Line(seconds=SLOWER * Line().seconds)]
+    return {line.seconds: open_loop([PERFECT], line, torques=spinning_torques(line))[0].largest for line in lines}
 
 
 def _polynomial(moments: np.ndarray, torques: np.ndarray, degree: int, seconds: float) -> Torques:

@@ -32,16 +32,23 @@ CHOICES = {
 }  # fmt: skip
 
 NOT_BUILT = (
+    NotBuilt("2, 2.1, (2)", "forces and coupling between legs through body and ground", "the analysis is of a leg in "
+             "the air. papers/leg/machine.py stands on four legs, but the paper prints no force to set beside it"),
+    NotBuilt("2.2, 5", "backlash and elasticity, which grow with the reduction", "no number of them is printed"),
+    NotBuilt("2.3, 5", "friction grows with the reduction", "friction is printed for these gears alone"),
+    NotBuilt("3, step 4", "contributions over the trajectory's acceleration", "no result is stated. On a bang-bang "
+             "line it goes with the square of the speed, so that other speeds above are other accelerations"),
+    NotBuilt("3", "dynamics in a trajectory generator of highest speed [6]", "the generator is not printed; the "
+             "fastest bang-bang motion is a row"),
     NotBuilt("4", "a foot of three passive joints, with force sensor and potentiometers", "sizes and masses of its "
-             "parts are not printed; table I has them in link 3, and the analysis is of the leg in the air"),
-    NotBuilt("2.1, (2)", "ground-contact forces of the support phase", "the paper analyses the transfer phase; "
-             "papers/leg/machine.py stands on four legs, with forces that the paper does not print"),
-    NotBuilt("4.4, 12", "gain scheduling: controllers R_i(s) tuned for each trajectory", "neither the controllers nor "
-             "the rule is printed. Perturbation (28) to (30), friction and inertia are compensated as in figure 12"),
-    NotBuilt("2.2", "elasticity and backlash of the gears", "the paper names them and prints no number"),
+             "parts are not printed; table I has them in link 3"),
+    NotBuilt("4.1, 4.3", "masses weighed, and torques measured on the prototype", "no measurement is printed; rows are "
+             "of the model with its tables"),
+    NotBuilt("4.2", "friction identified by least squares", "what it was identified from is not printed"),
+    NotBuilt("4.4, 12", "controllers R_i(s), tuned for each trajectory", "neither they nor their tuning are printed. "
+             "(28) to (30), scheduled by position, friction and inertia are compensated as in figure 12, over a PD"),
     NotBuilt("5 to 10", "curves", "the figures are not at hand: only what the text says of them is a row"),
     NotBuilt("2.1", "Lagrange-Euler is fast enough for real time", "about computers of its time"),
-    NotBuilt("3", "experiments on the prototype", "no measurement is printed; rows are of the model with its tables"),
 )  # fmt: skip
 
 PAPER = Paper("paper 000", CHOICES, NOT_BUILT)

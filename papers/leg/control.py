@@ -43,12 +43,12 @@ class Model:
 
     Attributes:
         perturbation: the simplified one (28) to (30), or ``whole``, that of (25); None: none is compensated.
-        friction: whether (16) is compensated.
+        friction: whether (16) is compensated; ``sliding``: its Coulomb and viscous parts alone.
         inertia: whether the constant equivalent inertia is.
     """
 
     perturbation: Lines | Literal["whole"] | None
-    friction: bool
+    friction: bool | Literal["sliding"]
     inertia: bool = True
 
 
@@ -58,8 +58,13 @@ def paths(count: int, speed: tuple[float, float] = (0.05, 0.15), seed: int = 0) 
     return path.drawn(random[:, 1:], speed[0] + random[:, 0] * (speed[1] - speed[0]))
 
 
-def friction_torque(chain: Chain, q: np.ndarray, speed: np.ndarray) -> np.ndarray:
+def friction_torque(chain: Chain, q: np.ndarray, speed: np.ndarray, sliding: bool = False) -> np.ndarray:
     """Friction (16) with the viscous part, at the joint, of the same shape as ``q`` [N.m].
+
+    Args:
+        chain: of the joint.
+        q, speed: of the joint [rad], [rad/s].
+        sliding: leaves Coulomb and viscous friction alone, without static and meshing friction.
 
     Raises:
         SealegsError: the chain has no ``meshing``.
@@ -70,12 +75,14 @@ def friction_torque(chain: Chain, q: np.ndarray, speed: np.ndarray) -> np.ndarra
     n = stage.law_values(chain)
     size, total = np.abs(speed), np.zeros_like(q)
     for way, moving in (("positive", speed > 0.0), ("negative", speed < 0.0)):
-        drop = np.exp(-size / n[f"stribeck_velocity_{way}"])
-        limit = n[f"coulomb_{way}"] + (n[f"breakaway_{way}"] - n[f"coulomb_{way}"]) * drop + n[f"viscous_{way}"] * size
-        limit = limit + n[f"ripple_1_{way}"] * np.sin(n["frequency_1"] * q + n["phase_1"])
-        for k in (2, 3):
-            amplitude = n[f"ripple_{k}_{way}"] * np.exp(-n[f"decay_{k}_{way}"] * size)
-            limit = limit + amplitude * np.sin(n[f"frequency_{k}"] * q + n[f"phase_{k}"])
+        limit = n[f"coulomb_{way}"] + n[f"viscous_{way}"] * size
+        if not sliding:
+            drop = np.exp(-size / n[f"stribeck_velocity_{way}"])
+            limit = limit + (n[f"breakaway_{way}"] - n[f"coulomb_{way}"]) * drop
+            limit = limit + n[f"ripple_1_{way}"] * np.sin(n["frequency_1"] * q + n["phase_1"])
+            for k in (2, 3):
+                amplitude = n[f"ripple_{k}_{way}"] * np.exp(-n[f"decay_{k}_{way}"] * size)
+                limit = limit + amplitude * np.sin(n[f"frequency_{k}"] * q + n[f"phase_{k}"])
         total += np.where(moving, limit, 0.0)
     return total * np.sign(speed)
 
@@ -102,7 +109,7 @@ def advance_duty(
         motor, ratio, volts = chain.find("dc_motor"), chain.gear_ratio(), chain.find("supply").volts
         asked = torque[..., j]
         if model.friction:
-            asked = asked + friction_torque(chain, q[..., j], speed[..., j])
+            asked = asked + friction_torque(chain, q[..., j], speed[..., j], model.friction == "sliding")
         voltage = motor.resistance * asked / (motor.motor_constant * ratio) + motor.back_emf * ratio * speed[..., j]
         duty[..., j] = voltage / volts
     return duty

@@ -40,6 +40,9 @@ class Contributions:
         gravity: ``C``.
         rotor: of what turns in motors and gears.
         friction: (16) with the viscous part.
+        sliding: Coulomb and viscous friction of it.
+        coupled: of ``varying`` and ``coriolis``, what the other joints' accelerations and speeds make.
+        by_others: what the links' torque has because the other joints do not rest where they start.
     """
 
     time: np.ndarray
@@ -51,6 +54,9 @@ class Contributions:
     gravity: np.ndarray
     rotor: np.ndarray
     friction: np.ndarray
+    sliding: np.ndarray
+    coupled: np.ndarray
+    by_others: np.ndarray
 
     @property
     def perturbation(self) -> np.ndarray:
@@ -65,7 +71,12 @@ class Contributions:
     @property
     def total(self) -> np.ndarray:
         """What the motor gives, at the joint."""
-        return self.inertia + self.perturbation + self.friction
+        return self.slick + self.friction
+
+    @property
+    def slick(self) -> np.ndarray:
+        """The same without friction."""
+        return self.inertia + self.perturbation
 
 
 class Analysis:
@@ -120,18 +131,33 @@ class Analysis:
         rate, acceleration = (ahead - behind) / (2.0 * step), (ahead - 2.0 * q + behind) / step**2
         k = self.constants
         constant = np.array([k.h, k.l, k.m]) * acceleration
-        whole = np.einsum("nij,nj->ni", mass_matrix(k, q), acceleration)
-        friction = [friction_torque(self._chains[name], q[:, j], rate[:, j]) for j, name in enumerate(JOINTS)]
+        mass, turning, weight = mass_matrix(k, q), coriolis(k, q, rate), gravity(k, q)
+        whole = np.einsum("nij,nj->ni", mass, acceleration)
+        own = np.einsum("nii,ni->ni", mass, acceleration)
+        alone = np.empty_like(q)
+        for j in range(3):
+            rest = np.tile(q[0], (len(q), 1))
+            rest[:, j] = q[:, j]
+            alone[:, j] = mass_matrix(k, rest)[:, j, j] * acceleration[:, j] + gravity(k, rest)[:, j]
+
+        def friction(sliding: bool) -> np.ndarray:
+            chains = [self._chains[name] for name in JOINTS]
+            columns = [friction_torque(chain, q[:, j], rate[:, j], sliding) for j, chain in enumerate(chains)]
+            return np.stack(columns, axis=1)
+
         return Contributions(
             time,
             q=q,
             lengthening=lengthening(self.values, q),
             constant=constant,
             varying=whole - constant,
-            coriolis=coriolis(k, q, rate),
-            gravity=gravity(k, q),
+            coriolis=turning,
+            gravity=weight,
             rotor=rotors(self.values) * acceleration,
-            friction=np.stack(friction, axis=1),
+            friction=friction(sliding=False),
+            sliding=friction(sliding=True),
+            coupled=whole - own + turning,
+            by_others=whole + turning + weight - alone,
         )
 
     def workspace(self, count: int, seed: int = 0) -> np.ndarray:
@@ -197,12 +223,32 @@ def own_shares(rows: Sequence[Contributions]) -> np.ndarray:
     return np.array([peak(row.coriolis) / peak(row.perturbation) for row in rows])
 
 
-def worst_by_seed(analysis: Analysis, speed: float, count: int, seeds: int) -> list[float]:
-    """Error of leaving out Coriolis on the worst of ``count`` lines, by the seed that they are drawn with."""
-    return [
-        max(coriolis_error(analysis.along(line, speed)) for line in analysis.lines(count, horizontal=True, seed=seed))
-        for seed in range(seeds)
-    ]
+@dataclass(frozen=True)
+class Draw:
+    """Figures of the worst of some lines, which hang on how the lines are drawn.
+
+    Attributes:
+        error: of leaving out Coriolis.
+        of_motor: Coriolis torque over the motor's, by joint (3,).
+        coupled: torque of other joints' motion over the motor's, by joint (3,).
+    """
+
+    error: float
+    of_motor: np.ndarray
+    coupled: np.ndarray
+
+
+def draws(analysis: Analysis, speed: float, count: int, seeds: int) -> list[Draw]:
+    """The worst of ``count`` lines, by the seed that they are drawn with."""
+    found = []
+    for seed in range(seeds):
+        rows = [analysis.along(line, speed) for line in analysis.lines(count, horizontal=True, seed=seed)]
+        of_motor, coupled = (
+            np.max([peak(torque) / peak(row.total) for torque, row in pairs], axis=0)
+            for pairs in ([(row.coriolis, row) for row in rows], [(row.coupled, row) for row in rows])
+        )
+        found.append(Draw(max(map(coriolis_error, rows)), of_motor, coupled))
+    return found
 
 
 def by_efficiency(row: Contributions) -> np.ndarray:

@@ -13,19 +13,18 @@ from ...common.errors import SealegsError
 from ...envs.leg.parameters import NUMBERS
 from ...envs.leg.robot import chains_of
 from .choices import PAPER
-from .paper import LINES, OWN_SPEED, SEEDS, SPEEDS, Analysis, against_engine, worst_by_seed
+from .paper import LINES, OWN_SPEED, SEEDS, SPEEDS, Analysis, against_engine, draws
 from .rows import (
     actuator_rows,
     coriolis_rows,
-    equation_rows,
+    gearing_rows,
     mechanical_rows,
-    motor_rows,
     share_lines,
     shares,
     speed_rows,
     swept,
-    table_rows,
 )
+from .table_rows import equation_rows, motor_rows, table_rows
 from .tracking import IDEAL, PID, control_rows, controllers, search_lines, search_on, tracking_lines
 from .tuning import OTHER_SECONDS, other_paths
 
@@ -56,7 +55,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
     sweeps = [swept(speed, rows) for speed, rows in found.items()]
     own = found[OWN_SPEED]
     say(f"{SEEDS} draws of the lines")
-    by_seed = {speed: worst_by_seed(analysis, speed, LINES, SEEDS) for speed in DRAWN_AT}
+    by_seed = {speed: draws(analysis, speed, LINES, SEEDS) for speed in DRAWN_AT}
     say("symbols beside MuJoCo")
     gaps = against_engine()
     followed = min(seconds, OTHER_SECONDS)
@@ -69,6 +68,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
         *motor_rows(),
         *equation_rows(analysis, gaps),
         *speed_rows(analysis),
+        *gearing_rows(found, by_seed[OWN_SPEED]),
         *coriolis_rows(sweeps, by_seed),
         *mechanical_rows(own),
         *actuator_rows(analysis, own, sweeps),
@@ -89,7 +89,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
             "followed": followed,
         },
         "sweep": [asdict(sweep) for sweep in sweeps],
-        "worst_by_seed": {f"{speed:g}": worst for speed, worst in by_seed.items()},
+        "worst_by_seed": {f"{speed:g}": [draw.error for draw in drawn] for speed, drawn in by_seed.items()},
         "shares_of_the_motor_torque": {f"{speed:g}": shares(items) for speed, items in found.items()},
         "symbols_beside_mujoco": gaps,
         "tracking_m": tracking,

@@ -15,7 +15,7 @@ TEMPLATES |= {robot: papers.TEXTS / robot / "page.md" for robot in papers.robots
 NO_FIGURE = re.compile(r"```.*?```|`[^`]*`|\{[^{}]*\}|\]\([^)]*\)|^#[^\n]*", re.DOTALL | re.MULTILINE)
 TYPED = re.compile(r"(?<![\w.-])\d+(?:\.\d+)?(?![\w.]*\w)")
 GIVEN = {
-    "arm": "002 5.3 3.1 5.2 6 8 1",  # sections, and a control rate
+    "arm": "002 5.3 3.1 5.2 6 1",  # sections, and a control rate
     "biped": "003 44 24 30 1",  # equations, and settings of the simulation
     "confidence": "0.9 0.6",  # edges of the bins
     "diagnosis": "5 20 24 0.9 1.2 95 120 240 1050 1060 1180",  # settings, seeds and bars

@@ -11,7 +11,7 @@ from sealegs.actuators import DrivenCoordinate, Drivetrain
 from sealegs.common.errors import SealegsError
 from sealegs.envs.arm.env import ArmTask
 from sealegs.envs.arm.kinematics import chain, jacobian, joints, tool
-from sealegs.envs.arm.parameters import without_rotors
+from sealegs.envs.arm.parameters import rotors_at_rest, without_rotors
 from sealegs.envs.arm.robot import ARM, LINKS, ROTORS
 from sealegs.envs.arm.tables import DAMPING, FINAL, FLEXIBLE, JOINTS, SIMPLE, STIFFNESS
 from sealegs.envs.arm.trajectory import Line
@@ -26,11 +26,20 @@ from sealegs.papers.arm.axes import (
     printed_axes,
     simple_axes,
 )
-from sealegs.papers.arm.choices import CHOICES, opposite_way
+from sealegs.papers.arm.choices import CHOICES, OPPOSITE
 from sealegs.papers.arm.control import Robust, closed_loop
-from sealegs.papers.arm.dynamics import FINAL_MODEL, PERFECT, Joints, ideal_torques, model_of, open_loop
+from sealegs.papers.arm.dynamics import (
+    FINAL_MODEL,
+    PERFECT,
+    Joints,
+    ideal_torques,
+    model_of,
+    open_loop,
+    rotor_inertia,
+    spinning_torques,
+)
 from sealegs.papers.arm.paper import mark
-from sealegs.papers.arm.readings import PLAIN, PRINTED, fall, gear_ratio, late_rise, outcome, readings, referred
+from sealegs.papers.arm.readings import PLAIN, fall, gear_ratio, late_rise, outcome, readings, referred
 from sealegs.papers.arm.rows import _ranged, extent, kinematic_rows, stiffness_rows
 
 # --- tables and kinematics -------------------------------------------------------------------------------------------
@@ -145,6 +154,12 @@ def test_the_ideal_arm_follows_its_own_torques_and_dampers_lead_it_away() -> Non
     assert third.largest > 100.0
 
 
+def test_what_turns_the_rotors_with_the_links_matters_as_much_in_slow_motions() -> None:
+    lines = [Line(), Line(seconds=10.0)]
+    quick, slow = (open_loop([PERFECT], line, torques=spinning_torques(line))[0].largest for line in lines)
+    assert quick == pytest.approx(2.30, abs=0.01) and slow == pytest.approx(quick, rel=0.01)
+
+
 def test_springs_of_table_ten_hardly_move_the_tool_and_soft_ones_do() -> None:
     printed, soft = open_loop([Joints(link_stiffness=STIFFNESS), Joints(link_stiffness=(1.0, 1.0, 1.0))])
     assert printed.largest < 0.01 < 0.5 < soft.largest
@@ -177,9 +192,24 @@ def test_a_statement_that_holds_in_part_of_its_range_is_missed() -> None:
     assert found == [True, False]
 
 
-def test_only_the_first_reading_and_the_tables_as_printed_predict_which_way_z_goes() -> None:
-    collected = {reach for choice in CHOICES.values() for reach in choice.reach}
-    assert [name for name in readings() if opposite_way(name) not in collected] == [PLAIN, PRINTED]
+def test_readings_that_were_sought_are_chosen_numbers_of_the_row_that_they_reach() -> None:
+    sought = CHOICES["readings"]
+    assert sought.reach == (OPPOSITE,) and readings()[PLAIN].text not in sought.value
+    assert all(reading.text in sought.value for name, reading in readings().items() if name != PLAIN)
+
+
+def test_rotors_at_rest_are_parts_of_the_links_before_and_only_their_spin_is_counted() -> None:
+    whole, lumped = model_of(PERFECT), model_of(PERFECT, rotors_at_rest())
+    assert sum(lumped.body_mass) == pytest.approx(sum(whole.body_mass) - FLEXIBLE["rotor1"].mass, abs=1e-6)
+    data, places = [mujoco.MjData(model) for model in (whole, lumped)], np.array([0.4, 0.3, 0.9])
+    matrices = [np.empty((3, 3)) for _ in data]
+    for model, item, matrix in zip((whole, lumped), data, matrices, strict=True):
+        item.qpos[:] = places
+        mujoco.mj_forward(model, item)
+        mujoco.mj_fullM(model, item, matrix)
+    spin = np.diag([rotor_inertia(k) for k in range(3)])
+    assert np.diag(matrices[0]) == pytest.approx(np.diag(matrices[1] + spin), rel=0.01)
+    assert abs(matrices[0] - matrices[1] - spin).max() > 1e-6  # what turns them with the links before
 
 
 def test_a_statement_that_holds_for_some_values_is_told_as_their_range() -> None:
