@@ -341,14 +341,3 @@ def test_a_robot_without_any_command_is_refused_with_what_to_log(tmp_path: Path)
     assert robot is not None
     with pytest.raises(LogError, match=r"no joint can be judged; log what each joint was told as shoulder\.goal"):
         check_robot(runs, robot)
-
-
-def test_an_import_asks_what_was_commanded_to_a_joint_with_a_torque_alone(tmp_path: Path) -> None:
-    found = propose_for(table(tmp_path, {"time": TIME} | SHOULDER | GRIPPER), tmp_path / "out", "rad").mapping
-    (question,) = found.questions
-    assert question.about == ("gripper.goal",) and "gripper.goal or gripper.torque_command" in question.ask
-
-
-def test_a_measured_torque_of_one_joint_is_enough_for_a_bench(tmp_path: Path) -> None:
-    found = propose_for(table(tmp_path, {"time": TIME} | GRIPPER), tmp_path / "out", "rad").mapping
-    assert not found.questions and "gripper.torque" in found.columns

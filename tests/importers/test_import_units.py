@@ -17,7 +17,6 @@ from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.importers.expression import evaluate
 from sealegs.gap.log.importers.mapping import Mapping
 from sealegs.gap.log.importers.names import said
-from sealegs.gap.log.importers.positions import STEPS
 from sealegs.gap.log.importers.units import measure, unit_of
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
@@ -84,9 +83,10 @@ def test_a_unit_that_is_not_understood_to_its_last_letter_is_none(text: str) -> 
     assert unit_of(text) == ""
 
 
-def test_an_answer_that_every_column_contradicts_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="unit=deg is for positions and goals whose unit is open, and none is"):
-        propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", "deg")
+@pytest.mark.parametrize("unit", ["deg", "ticks"])
+def test_an_answer_that_every_column_contradicts_is_refused(tmp_path: Path, unit: str) -> None:
+    with pytest.raises(LogError, match=f"unit={unit} is for positions and goals whose unit is open, and none is"):
+        propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", unit)
 
 
 def test_a_few_samples_far_outside_are_left_out_by_a_line_that_is_offered(tmp_path: Path) -> None:
@@ -161,11 +161,6 @@ def test_a_slow_joint_and_one_at_rest_are_not_asked_about(tmp_path: Path) -> Non
     noise = 1e-3 * np.random.default_rng(0).standard_normal(len(TIME))
     for position in (slow, noise):
         assert "joint.goal" not in asked(proposed(tmp_path, {"time": TIME, "q_des": steps, "q": position}))
-
-
-def test_a_swing_goes_along_with_its_goal_rather_than_against_it_half_a_period_earlier(tmp_path: Path) -> None:
-    goal, position = (np.sin(9.0 * (TIME - late)) for late in (0.0, 0.04))
-    assert "joint.goal" not in asked(proposed(tmp_path, {"time": TIME, "q_des": goal, "q": position}))
 
 
 def commanded(scale: float) -> list[tuple[str, str | None, bool]]:
@@ -254,12 +249,6 @@ def arm(tmp_path: Path) -> str:
 # --- encoder steps ---------------------------------------------------------------------------------------------------
 
 
-def test_whole_numbers_within_a_register_are_asked_about_as_encoder_steps(tmp_path: Path) -> None:
-    """1956 to 2500 were asked about as degrees, rad or mm, by how far each joint moved."""
-    (question,) = propose_for(table(tmp_path, servos()), tmp_path / "out").mapping.questions
-    assert question.ask == STEPS and "unit=ticks" in STEPS and len(question.about) == 6
-
-
 def test_the_answer_ticks_makes_an_angle_of_steps(tmp_path: Path) -> None:
     source, out = table(tmp_path, servos()), tmp_path / "out"
     found = propose_for(source, out, "ticks", actuator="ideal")
@@ -270,55 +259,6 @@ def test_the_answer_ticks_makes_an_angle_of_steps(tmp_path: Path) -> None:
     assert log.goal is not None
     np.testing.assert_allclose(log.position, LATE, atol=STEP)
     np.testing.assert_allclose(log.goal, ANGLE, atol=STEP)
-
-
-def test_steps_that_are_called_degrees_are_asked_about(tmp_path: Path) -> None:
-    """``unit=deg`` made an angle of 35 rad of a servo near its middle."""
-    (question,) = propose_for(table(tmp_path, servos()), tmp_path / "out", "deg").mapping.questions
-    assert question.ask == STEPS and len(question.about) == 6
-
-
-def test_whole_degrees_are_no_steps(tmp_path: Path) -> None:
-    columns = {"time_s": TIME, "goal": np.round(90 + 57 * ANGLE), "pos": np.round(90 + 57 * LATE)}
-    (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
-    assert question.ask.startswith("degrees (unit=deg)") and "encoder steps (unit=ticks)" in question.ask
-    assert not propose_for(table(tmp_path, columns), tmp_path / "out", "deg").mapping.questions
-
-
-def test_servos_of_1024_steps_are_told_their_line(tmp_path: Path) -> None:
-    step = np.radians(300.0) / 1024
-    columns = {"time_s": TIME, "goal": np.round(512 + ANGLE / step), "pos": np.round(512 + LATE / step)}
-    (question,) = propose_for(table(tmp_path, columns), tmp_path / "out").mapping.questions
-    assert question.ask == STEPS and "(<column> - 512)*300/1024*pi/180" in STEPS
-
-
-@pytest.mark.parametrize("kind", ["fractions", "counts"])
-def test_what_is_no_steps_of_a_servo_is_asked_about_in_spite_of_the_answer(tmp_path: Path, kind: str) -> None:
-    size = 1e6 if kind == "counts" else 1.0
-    position = np.round(size * LATE) if kind == "counts" else 2048 + LATE / STEP
-    goal = np.round(size * ANGLE) if kind == "counts" else 2048 + ANGLE / STEP
-    found = propose_for(table(tmp_path, {"time_s": TIME, "goal": goal, "pos": position}), tmp_path / "out", "ticks")
-    (question,) = found.mapping.questions
-    assert question.about == ("joint.position", "joint.goal")
-    assert ("No unit is said" if kind == "fractions" else "are a turn") in question.ask
-
-
-def test_a_column_that_says_ticks_takes_the_answer_and_one_in_rad_keeps_its_unit(tmp_path: Path) -> None:
-    columns = {"time_s": TIME, "a_goal_ticks": steps(ANGLE), "a_pos_ticks": steps(LATE)}
-    columns |= {"b_goal_rad": ANGLE, "b_pos_rad": LATE}
-    found = propose_for(table(tmp_path, columns), tmp_path / "out", "ticks")
-    assert not found.mapping.questions
-    assert found.mapping.columns["a.goal"] == "(a_goal_ticks - 2048)*2*pi/4096"
-    assert found.mapping.columns["b.position"] == "b_pos_rad"
-    with pytest.raises(LogError, match="unit=ticks is for positions and goals whose unit is open, and none is"):
-        propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", "ticks")
-
-
-def test_a_velocity_in_steps_a_second_goes_with_its_position(tmp_path: Path) -> None:
-    columns = {"time_s": TIME, "goal": steps(ANGLE), "pos": steps(LATE)}
-    columns["velocity"] = np.round(np.gradient(LATE, TIME) / STEP)
-    found = propose_for(table(tmp_path, columns), tmp_path / "out", "ticks")
-    assert found.mapping.columns["joint.velocity"] == "velocity*2*pi/4096" and not found.mapping.questions
 
 
 # --- the range of the model ------------------------------------------------------------------------------------------
