@@ -14,7 +14,7 @@ from sealegs.gap.checks.data_set import check_set, merged
 from sealegs.gap.log import LogError, MeasuredSet, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
 
-from tests.importers.importing import ANGLE, LATE, RAD, TIME, asked, proposed, table
+from tests.importers.importing import ANGLE, LATE, RAD, TIME, proposed, table
 
 ONE = np.ones_like(TIME)
 
@@ -106,14 +106,6 @@ def test_gains_of_a_recording_reach_a_chain_that_is_a_stiffness(
 
 
 # --- what is set aside by name ---------------------------------------------------------------------------------------
-
-
-def test_a_gripper_in_percent_stays_one_beside_an_answer_in_degrees(tmp_path: Path) -> None:
-    columns = {"time": TIME, "lift_goal": 40.0 * ANGLE, "lift_pos": 40.0 * LATE}
-    columns |= {"gripper_goal": 50.0 + 60.0 * ANGLE, "gripper_pos": 50.0 + 60.0 * LATE}
-    found = proposed(tmp_path, columns, "deg")
-    assert found.mapping.columns["lift.position"] == "lift_pos*pi/180"
-    assert set(asked(found)) == {"gripper.position", "gripper.goal"}
 
 
 def test_a_value_beyond_anything_a_joint_can_have_is_set_aside_by_name(tmp_path: Path) -> None:
