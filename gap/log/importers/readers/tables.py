@@ -25,8 +25,6 @@ SAME_SAMPLE_SHARE = 0.1
 """Share of the sample period within which joints were read at one time."""
 WHOLE_SHARE = 0.9
 """Share of the samples that have all joints, of a table with a row for each joint."""
-MOST_REPEATED = 0.05
-"""Share of the rows up to which rows that say the same once more are left out."""
 JOINT, SAMPLE = " joint", " sample"
 """Columns of such a table that no file has."""
 
@@ -102,16 +100,25 @@ def _by_joints(frame: pd.DataFrame, cells: Cells, path: Path) -> dict[str, tuple
             continue
         labels, joints = spelt.to_numpy(str), [*counts.index]
         clocks = [clock for clock in cells.columns if clock != name and _runs(cells.columns[clock], labels, joints)]
-        for clock in sorted(clocks, key=lambda clock: said(clock).signal != "time")[:1]:
-            blocks = bool((np.diff(cells.columns[clock]) < 0.0).any())  # one below the other: joints, or else runs
-            known = labels[labels != ""]
-            in_turn = bool((known[1:] != known[:-1]).mean() > WHOLE_SHARE)  # polled, and no state that holds
-            certain = _says_joint(name) and not (said(name).signal or said(name).aside)
-            rows = _Rows(cells, name, clock, labels, joints)
-            if (_says_joint(name) or not blocks) and (
-                parts := rows.pivot(certain, name in cells.left or in_turn, path)
-            ):
-                return parts
+        clock = next(iter(sorted(clocks, key=lambda clock: said(clock).signal != "time")), "")
+        blocks = bool(clock) and bool((np.diff(cells.columns[clock]) < 0.0).any())  # one below the other
+        if not clock or (blocks and not _says_joint(name)):
+            continue
+        known = labels[labels != ""]
+        in_turn = bool((known[1:] != known[:-1]).mean() > WHOLE_SHARE)  # polled, and no state that holds
+        certain = _says_joint(name) and not (said(name).signal or said(name).aside)
+        try:
+            wide, stamps = _wide(cells, name, clock, labels, joints)
+        except LogError as fault:
+            if certain and (name in cells.left or in_turn or not isinstance(fault, _Apart)):
+                raise LogError(f"{path}: {fault}") from None
+            continue
+        carried = dict.fromkeys(str(column) for column, _ in wide.columns)
+        parts = {f"{joint}.{column}": (joint, column) for column in carried for joint in joints}
+        cells.columns = {clock: stamps.to_numpy()}
+        cells.columns |= {key: wide[column, joint].to_numpy(np.float64) for key, (joint, column) in parts.items()}
+        cells.left.pop(name, None)
+        return parts
     return {}
 
 
@@ -132,79 +139,46 @@ def _runs(values: np.ndarray, labels: np.ndarray, joints: list[str]) -> bool:
     return all(np.isfinite(part).all() and clock_units(part) for part in parts) and overlap(parts)
 
 
-class _Rows:
-    """A table with a row for each joint: the column that names the joint, the clock, and the joint of each row."""
+class _Apart(LogError):
+    """Joints were read at different times."""
 
-    def __init__(self, cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str]) -> None:
-        self.cells, self.name, self.clock, self.joints = cells, name, clock, joints
-        counts = {column for column, values in cells.columns.items() if (np.diff(values) == 1.0).all()}  # of the rows
-        self.carried = [column for column in cells.columns if column not in {name, clock, *counts}]
-        table: Any = pd.DataFrame({column: cells.columns[column] for column in (clock, *self.carried)})
-        table = table.assign(**{JOINT: labels})[labels != ""].sort_values(clock, kind="stable")
-        self.period = float(table.groupby(JOINT)[clock].agg(lambda own: own.diff().median()).min())
-        self.table = table.assign(**{SAMPLE: (table[clock].diff() > SAME_SAMPLE_SHARE * self.period).cumsum()})
 
-    def pivot(self, certain: bool, polled: bool, path: Path) -> dict[str, tuple[str, str]]:
-        """Give the table one row a sample; nothing is changed where joints do not share their samples.
+def _wide(cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str]) -> tuple[Any, Any]:
+    """One row a sample, with columns by column and joint, and the stamps of the samples.
 
-        Args:
-            certain: whether the column surely names the joint, so that rows that contradict each other are refused.
-            polled: whether its rows are of joints that were read in turn, and of no state that holds.
-            path: for the message.
-        """
-        table, cells = self.table, self.cells
-        again = table.duplicated([SAMPLE, JOINT])
-        if (table[~again].groupby(SAMPLE).size() == len(self.joints)).mean() < WHOLE_SHARE:
-            return self._refuse(f"{path}: {self._apart()}", certain and polled)
-        differ = again & ~table.duplicated([SAMPLE, JOINT, *self.carried])
-        if differ.any() or again.mean() > MOST_REPEATED:
-            return self._refuse(f"{path}: {self._twice(differ if differ.any() else again, again.mean())}", certain)
-        cells.notes = [*cells.notes]
-        if again.any():
-            cells.notes.append(
-                f"{int(again.sum())} of {len(table)} rows say once more what one of their joint and time says: left out"
-            )
-        wide: Any = table[~again].pivot(index=SAMPLE, columns=JOINT, values=self.carried)
-        stamps = table[~again].groupby(SAMPLE)[self.clock]
-        parts = {f"{joint}.{column}": (joint, column) for column in self.carried for joint in self.joints}
-        cells.columns = {self.clock: stamps.mean().to_numpy()}
-        cells.columns |= {key: wide[column][joint].to_numpy(np.float64) for key, (joint, column) in parts.items()}
-        named = ", ".join(self.joints)
-        cells.notes.append(f"'{self.name}' names the joint of each row: {named}; each has columns of its own here")
-        if (apart := float((stamps.max() - stamps.min()).max())) > 0.0:
-            cells.notes.append(
-                f"rows of one sample are up to {apart:.3g} apart in {self.clock} and stand at their mean"
-            )
-        cells.left = {other: why for other, why in cells.left.items() if other != self.name}
-        return parts
+    Args:
+        cells: columns of a table with a row for each joint.
+        name: of the column that names the joint.
+        clock: its clock.
+        labels: joint of each row, empty where it names none.
+        joints: all of them.
 
-    def _refuse(self, why: str, certain: bool) -> dict[str, tuple[str, str]]:
-        if certain:
-            raise LogError(why)
-        return {}
-
-    def _twice(self, again: Any, share: float) -> str:
-        """What is said of rows of one joint and time."""
-        row = self.table[again].iloc[0]
-        of_pair = self.table[(self.table[SAMPLE] == row[SAMPLE]) & (self.table[JOINT] == row[JOINT])]
-        column = next((one for one in self.carried if of_pair[one].nunique(dropna=False) > 1), "")
-        what = f"which differ in {column}" if column else f"as {share:.0%} of all rows are repeats"
-        return (
-            f"'{self.name}' names the joint of each row, and {row[JOINT]} has two rows at {self.clock} = "
-            f"{row[self.clock]:.15g}, {what}; leave one row of each such pair out, or import a file for each joint."
+    Raises:
+        LogError: the joints were read at different times, or one has two rows at one time.
+    """
+    counts = {column for column, values in cells.columns.items() if (np.diff(values) == 1.0).all()}  # of the rows
+    carried = [column for column in cells.columns if column not in {name, clock, *counts}]
+    table: Any = pd.DataFrame({column: cells.columns[column] for column in (clock, *carried)})
+    table = table.assign(**{JOINT: labels})[labels != ""].sort_values(clock, kind="stable")
+    period = float(table.groupby(JOINT)[clock].agg(lambda own: own.diff().median()).min())
+    table[SAMPLE] = (table[clock].diff() > SAME_SAMPLE_SHARE * period).cumsum()
+    once = table.drop_duplicates([SAMPLE, JOINT, *carried])
+    again = once[once.duplicated([SAMPLE, JOINT])]
+    samples = once.drop_duplicates([SAMPLE, JOINT]).groupby(SAMPLE)
+    if (samples.size() == len(joints)).mean() < WHOLE_SHARE:
+        raise _Apart(
+            f"'{name}' names the joint of each row, and its joints were read at different times in {clock}; a log has "
+            "one time for all joints, so interpolate them to common times, or import a file for each joint."
         )
-
-    def _apart(self) -> str:
-        """What is said of joints that were read at different times."""
-        times = {joint: own.to_numpy() for joint, own in self.table.groupby(JOINT)[self.clock]}
-        first, away = pd.DataFrame({"time": times[self.joints[0]]}), {}
-        for joint in self.joints[1:]:
-            own = pd.DataFrame({"time": times[joint], "own": times[joint]})
-            near: Any = pd.merge_asof(first, own, on="time", direction="nearest")
-            away[joint] = float((near["own"] - near["time"]).abs().quantile(WHOLE_SHARE))
-        other = max(away, key=lambda joint: away[joint])
-        return (
-            f"'{self.name}' names the joint of each row, and {other} was read up to {away[other]:.3g} away from "
-            f"{self.joints[0]} in {self.clock}; a log has one time for all joints, so interpolate them to common "
-            "times, or import a file for each joint."
+    if len(again):
+        raise LogError(
+            f"'{name}' names the joint of each row, and {again[JOINT].iloc[0]} has two rows that differ at {clock} = "
+            f"{again[clock].iloc[0]:.15g}; leave one row of each such pair out, or import a file for each joint."
         )
+    notes = [f"'{name}' names the joint of each row: {', '.join(joints)}; each has columns of its own here"]
+    if more := len(table) - len(once):
+        notes.append(f"{more} of {len(table)} rows say once more what one of their joint and time says: left out")
+    if (apart := float((samples[clock].max() - samples[clock].min()).max())) > 0.0:
+        notes.append(f"rows of one sample are up to {apart:.3g} apart in {clock} and stand at their mean")
+    cells.notes = [*cells.notes, *notes]
+    return once.pivot(index=SAMPLE, columns=JOINT, values=carried), samples[clock].mean()
