@@ -24,7 +24,7 @@ from sealegs.hw.bus.imu_fusion import GRAVITY, Tilt
 from sealegs.hw.bus.imu_line import PLAIN, LineFormat, LineImu
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.policy import Policy
-from sealegs.hw.virtual.terminal import Terminal
+from sealegs.hw.virtual.server import Terminal
 
 from tests.servo_runs import PATIENT, gentle_policy
 from tests.waiting import wait_until
