@@ -229,14 +229,13 @@ def run(seconds: float, say: Callable[[str], None]) -> Found:
     )
 
 
-def rows(run: Found) -> list[Row]:
-    """What the paper prints beside ours, the identification of each drive first."""
-    found = identified_rows(run.identified)
-    rests = (*choices.ROBOT, *choices.RIG, "right_cable")
-    linear = min(float(np.corrcoef(test.torque, test.deflection)[0, 1] ** 2) for test in run.springs.values())
-    stretch = math.degrees(max(float(np.abs(test.stretch).max()) for test in run.springs.values()))
-    worst = [1e3 * float(np.abs(values).max()) for values in (run.on_foot, run.hanging)]
-    for side, test in run.springs.items():
+def standing_rows(springs: Mapping[str, paper.SpringTest]) -> list[Row]:
+    """Springs and cables of a robot that stands on one leg, by side."""
+    found: list[Row] = []
+    rests = (*choices.ROBOT, *choices.RIG, "right_cable", "spring_damping")
+    linear = min(float(np.corrcoef(test.torque, test.deflection)[0, 1] ** 2) for test in springs.values())
+    stretch = math.degrees(max(float(np.abs(test.stretch).max()) for test in springs.values()))
+    for side, test in springs.items():
         printed = DRIVES[f"{side}_leg_shape"].spring_stiffness
         found += [
             Row(
@@ -249,7 +248,8 @@ def rows(run: Found) -> list[Row]:
                 note="the planted springs pass through the origin, as (22) does; the printed lines do not",
             ),
         ]  # fmt: skip
-    found += [
+    return [
+        *found,
         Row(
             "the springs are nearly linear, least R2", "VII-A, Fig. 19", 1.0, linear, PLANTED, "", 0.01,
             judged="assumed: over 0.99", rests=rests,
@@ -259,6 +259,12 @@ def rows(run: Found) -> list[Row]:
             agrees=stretch > 10.0, judged="assumed: over 10 deg", rests=rests,
         ),
     ]  # fmt: skip
+
+
+def rows(run: Found) -> list[Row]:
+    """What the paper prints beside ours, the identification of each drive first."""
+    found = [*identified_rows(run.identified), *standing_rows(run.springs)]
+    worst = [1e3 * float(np.abs(values).max()) for values in (run.on_foot, run.hanging)]
     for place, value in zip(("toe", "hip"), worst, strict=True):
         found.append(
             Row(

@@ -28,7 +28,8 @@ LOCKED = 1e7  # [kg.m2] of what is held fast
 HELD_SHAPE = 0.3  # [rad] at which the shape is locked while the angle moves
 START_SHAPE = 0.5  # [rad] about which the shape moves
 POSTURES = np.radians(np.linspace(4.0, 20.0, 9))  # of the motor; the loaded leg bends by half as much again, VII-A
-STEADY = 3e3  # [N.s/m] with which the experimenter calms the robot's height
+STANDS = 4.0  # [s] until the scale is read; half as long gives the same deflections
+STEADY = 5e2  # [N.s/m] with which the experimenter calms the robot's height
 TOE = {"foot_radius": 0.002}  # [m] "the wheel at the toe is removed for better accuracy", VI
 FINGERTIP = 3.0  # [N.m] at most with which the experimenter still holds a balanced robot, assumed
 CYCLES = 10  # of each frequency of a chirp with the legs off, IV-C
@@ -217,7 +218,7 @@ def spring_postures(side: str, rng: np.random.Generator) -> tuple[np.ndarray, np
         model.dof_damping[model.joint("hip_z").dofadr[0]] = STEADY
         mujoco.mj_forward(model, data)
         data.qpos[1] -= data.geom_xpos[number, 2] - model.geom_size[number, 0]
-        mujoco.mj_step(model, data, 2500)
+        mujoco.mj_step(model, data, round(STANDS / STEP))
         force = np.zeros(6)
         weight = 0.0
         for contact in range(data.ncon):

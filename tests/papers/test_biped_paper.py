@@ -14,7 +14,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
 from sealegs.envs.biped.robot import BIPED
-from sealegs.papers.biped import balance, choices, paper, paper_plots, report, tables, tune_on_rigid, validation
+from sealegs.papers.biped import balance, choices, paper, paper_plots, report, rig, tables, tune_on_rigid, validation
 from sealegs.papers.biped.cable_fit import Cable, fit_cable
 from sealegs.papers.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.papers.biped.ground import land
@@ -117,6 +117,16 @@ def test_spring_stiffness_is_the_slope_of_the_postures() -> None:
     found = fit_spring(weight, shape, deflection, 5.18)
     assert found.stiffness == pytest.approx(115.1, rel=0.03)
     assert found.offset == pytest.approx(2.2, abs=1.0)
+
+
+@pytest.mark.long
+def test_the_scale_is_read_once_the_robot_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rig, "POSTURES", rig.POSTURES[-1:])
+    found = []
+    for seconds in (rig.STANDS, 2.0 * rig.STANDS):
+        monkeypatch.setattr(rig, "STANDS", seconds)
+        found.append(rig.spring_postures("left", np.random.default_rng(1))[2])
+    assert found[0] == pytest.approx(found[1], rel=0.01)
 
 
 def test_the_bias_of_an_amplifier_is_what_drifts_under_a_sine_without_a_mean() -> None:
