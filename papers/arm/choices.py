@@ -56,6 +56,8 @@ NOT_BUILT = (
              "leaves them out, and prints no number of them"),
     NotBuilt("2.1", "the joint between bodies held by Lagrange multipliers", "the engine has the joints' angles "
              "instead: the same motion without drift, and no result of the paper is about the multipliers"),
+    NotBuilt("4", "Newton-Raphson to 1e-6, integrators of Adams and of Dormand and Prince", "of the paper's program; "
+             "what the step of our integrators does is told beside the chosen numbers"),
     NotBuilt("4", "torques smoothed by polynomials", "their degree is not printed; some degrees stand as a "
              "sensitivity"),
     NotBuilt("(12)", "the second model: torques Gamma - c_r q' in place of dampers", "the damper between stator and "

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...envs.leg.inertia import printed
+from ...envs.leg.inertia import printed, rotors
 from ...envs.leg.kinematics import foot, jacobian
 from ...envs.leg.parameters import LINKS, MOMENTS
 from ...envs.leg.robot import JOINTS, LEG, chains_of
@@ -103,6 +103,15 @@ def motor_rows() -> list[Row]:
             )
         )  # fmt: skip
     values = LEG.parameters()
+    k, turning = constants(values), rotors(values)
+    beside = [turning[j] / links for j, links in enumerate((k.h, k.l, k.m))]
+    rows.append(
+        Row(
+            "low-inertia motors: their inertia at the joint over the links' constant one", "4.2, (17) to (19)", "low",
+            ", ".join(f"{value:.1f}" for value in beside) + " times", INPUTS, agrees=max(beside) < 1.0,
+            judged="the smaller one, in every joint", rests=(),
+        )
+    )  # fmt: skip
     for j, (name, frequencies) in enumerate(FREQUENCIES.items(), 1):
         planetary, skew = values[f"planetary{j}_gear"], values[f"skew{j}_gear"]
         turns = (1.0 / (planetary * skew), 1.0 / planetary, 1.0)
