@@ -21,7 +21,10 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
+from sealegs.envs.any_robot.reach import ReachTask
+from sealegs.envs.engine.arguments import Argument, arguments, table
 from sealegs.envs.engine.single import SingleEnv
+from sealegs.envs.engine.task import option
 from sealegs.envs.engine.vector import BatchVectorEnv
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.robots import get_robot
@@ -329,3 +332,17 @@ def test_the_bench_is_a_point_mass_on_a_uniform_rod() -> None:
     mujoco.mj_fullM(model, data, inertia)
     assert inertia[0, 0] == pytest.approx(mass * length**2 + arm_mass * length**2 / 3.0, rel=1e-6)
     assert data.qfrc_bias[0] == pytest.approx(9.81 * (mass + 0.5 * arm_mass) * length, rel=1e-6)
+
+
+def test_a_number_of_a_task_means_what_the_task_above_it_says_unless_it_says_otherwise() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Closer(ReachTask):
+        start_noise: float = 0.5
+        tolerance: float = option(0.1, "how near", "m")
+        calm_weight: float = 1.0
+
+    known = arguments(SingleEnv, Closer)
+    assert known["start_noise"] == Argument(float, 0.5, "see Starting State")
+    assert known["tolerance"] == Argument(float, 0.1, "how near [m]")
+    assert known["calm_weight"].doc == "see Rewards"
+    assert "| `tolerance` | float | `0.1` | how near [m] |\n" in table(known)
