@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -20,7 +21,8 @@ from ...actuators.layout import S_CURRENT
 from ...common.errors import SealegsError
 from ...envs.hexapod.kinematics import foot_load
 from ...envs.hexapod.parameters import LEGS, NUMBERS
-from ...envs.hexapod.robot import VERTICAL, chains_of, coordinate
+from ...envs.hexapod.robot import KINDS, VERTICAL, chains_of, coordinate
+from .leg_model import gravity
 
 STEP = 0.001  # [s]
 RAMP = 0.05  # [V/s], 5.4
@@ -30,7 +32,6 @@ MOVED = 2e-5  # [m] by which a joint has broken away: bristles give way by less 
 LONGEST = 60.0  # [s] of a ramp
 SOFT = 1e-4  # duty per metre of a loop so weak that its goal is a voltage
 SPREAD = 0.2  # of friction by leg and direction, relative, assumed
-LEG_WEIGHT = 25.0  # [N] Q_leg at the joint, of the leg's own parts, assumed
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,13 @@ class Steady:
 def external(load: float) -> float:
     """Force on a vertical joint beside motor and friction, Q_leg - Q_load [N], with a load on the foot [kg]."""
     force_per_load = 1.0 / foot_load({name: number.value for name, number in NUMBERS.items()})
-    return LEG_WEIGHT + force_per_load * GRAVITY * load
+    return leg_weight() + force_per_load * GRAVITY * load
+
+
+@cache
+def leg_weight() -> float:
+    """Q_leg, by which the weight of the leg's own parts raises a vertical joint [N]."""
+    return -gravity()[KINDS.index(VERTICAL)]
 
 
 def planted(changes: Mapping[str, float], control: bool) -> Chain:
@@ -156,14 +163,14 @@ def steady(changes: Mapping[str, float], speeds: Sequence[float] = SPEEDS) -> St
     return Steady((coulomb[0], coulomb[1]), (viscous[0], viscous[1]))
 
 
-def of_leg(leg: int, seed: int = 1) -> dict[str, float]:
-    """Friction of a leg's vertical joint: that of the chain, spread by leg and direction; assumed.
+def of_leg(leg: int, kind: str = VERTICAL, seed: int = 1) -> dict[str, float]:
+    """Friction of a leg's joint: that of the chain, spread by leg and direction; assumed.
 
     Returns:
         Numbers of the friction; ``asymmetry`` is half of what the positive direction has more.
     """
-    own = chains_of("amru5_lugre")[coordinate(0, VERTICAL)]
-    draw = np.random.default_rng([seed, leg]).uniform(-1.0, 1.0, 3)
+    own = chains_of("amru5_lugre")[coordinate(0, kind)]
+    draw = np.random.default_rng([seed, leg, KINDS.index(kind)]).uniform(-1.0, 1.0, 3)
     dry = own.value("friction.coulomb") * (1.0 + SPREAD * draw[0])
     return {
         "coulomb": dry,

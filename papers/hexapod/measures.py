@@ -8,64 +8,111 @@ from ...envs.hexapod.parameters import LEGS
 from ...envs.hexapod.robot import KINDS, VERTICAL
 from .paper import PERIOD, Walk
 
-SETTLED = 0.2  # share of the support at its begin that no figure looks at: the reference has just stopped
+SETTLED = 2.0  # [s] at the begin of a support that no figure looks at: six time constants of the integral that runs out
 AT_REST = 0.05  # [A] below which a motor's current counts as none
 STRIBECK = 1e-4  # [m/s] of a screw, [rad/s] of a rotation; 5.2
+APART = 10.0  # times the Stribeck velocity that are well above it
+CARRIES = 0.5  # share of its mean load in support from which on a foot that has landed carries
+
+
+def settled(walk: Walk, leg: int = 0, number: int = -1, after: float = SETTLED) -> np.ndarray:
+    """Samples of a cycle in which a leg has stood for so long [s]."""
+    phase = walk.gait.phase(leg, walk.time[walk.cycle(number)])
+    return (phase - walk.gait.transfer) * walk.gait.cycle > after
 
 
 def motors(walk: Walk, leg: int = 0) -> dict[str, dict[str, float]]:
-    """Currents [A] and voltages [V] of a leg in transfer and support of the last cycle: root mean square, and median of
-    the size, which does not see the moments of lifting off and of a load beyond the breakaway force.
-    """
+    """Currents [A] and voltages [V] of a leg in transfer and settled support of the last cycle, root mean square."""
     cycle = walk.cycle(-1)
-    phase, air = walk.gait.phase(leg, walk.time[cycle]), walk.gait.transfer
-    parts = {"transfer": phase < air, "support": phase > air + SETTLED * (1.0 - air)}
-    rows: dict[str, dict[str, float]] = {}
-    for kind in KINDS:
-        for quantity, values in (("current", walk.current), ("voltage", walk.voltage)):
-            column = walk.quantity(values, kind, leg)[cycle]
-            rows[f"{kind} {quantity}"] = {
-                f"{part} {label}": float(of(column[chosen]))
-                for part, chosen in parts.items()
-                for label, of in (("rms", rms), ("median", lambda x: np.median(np.abs(x))))
-            }
-    return rows
+    parts = {"transfer": walk.gait.in_transfer(leg, walk.time[cycle]), "support": settled(walk, leg)}
+    return {
+        f"{kind} {quantity}": {
+            part: rms(walk.quantity(values, kind, leg)[cycle][chosen]) for part, chosen in parts.items()
+        }
+        for kind in KINDS
+        for quantity, values in (("current", walk.current), ("voltage", walk.voltage))
+    }
 
 
-def breaking_loose(walk: Walk) -> tuple[float, float, float]:
-    """When the vertical motor of leg 0 draws more than :data:`AT_REST` in the support of the last cycle.
+def drawing(walk: Walk, leg: int = 0, number: int = -1, after: float = SETTLED) -> float:
+    """Share of a settled support in which the vertical motor draws more than :data:`AT_REST`."""
+    current = walk.quantity(walk.current, VERTICAL, leg)[walk.cycle(number)]
+    return float((np.abs(current[settled(walk, leg, number, after)]) > AT_REST).mean())
+
+
+def heaviest(walk: Walk) -> float:
+    """Largest load on a foot in the settled supports of the last cycle [N]."""
+    return max(float(walk.contact[walk.cycle(-1)][settled(walk, leg), leg].max()) for leg in range(LEGS))
+
+
+def breaking_loose(walk: Walk, number: int = -1) -> tuple[float, float, float]:
+    """When the vertical motor of leg 0 draws more than :data:`AT_REST` in the settled support of a cycle.
 
     Returns:
-        The share of the support in which it does, its largest current [A], and the mean load on the foot then, over
-        that in the rest of the support.
+        The share of the support in which it does, its largest current [A], and the load on the foot as it begins to,
+        over the mean of the support; not a number if it never does.
     """
-    cycle = walk.cycle(-1)
-    phase, air = walk.gait.phase(0, walk.time[cycle]), walk.gait.transfer
-    support = phase > air + SETTLED * (1.0 - air)
+    cycle, support = walk.cycle(number), settled(walk, 0, number)
     current = np.abs(walk.quantity(walk.current, VERTICAL)[cycle][support])
     load, drawn = walk.contact[cycle][support, 0], current > AT_REST
-    if drawn.all() or not drawn.any():
-        return float(drawn.mean()), float(current.max()), float("nan")
-    return float(drawn.mean()), float(current.max()), float(load[drawn].mean() / load[~drawn].mean())
+    begins = float(load[np.argmax(drawn)] / load.mean()) if drawn.any() else float("nan")
+    return float(drawn.mean()), float(current.max()), begins
 
 
 def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def speeds(walk: Walk, kind: str) -> np.ndarray:
+    """How fast joints of this kind move in the last cycle, all legs (n, 6) [rad/s, m/s]."""
+    return np.abs(np.gradient(walk.position[:, KINDS.index(kind) :: len(KINDS)], PERIOD, axis=0)[walk.cycle(-1)])
+
+
+def in_air(walk: Walk) -> np.ndarray:
+    """Which legs are in transfer, in the last cycle (n, 6)."""
+    return np.stack([walk.gait.in_transfer(leg, walk.time[walk.cycle(-1)]) for leg in range(LEGS)], axis=1)
+
+
 def slow(walk: Walk, kind: str) -> float:
     """Share of the last cycle in which joints of this kind are slower than the Stribeck velocity, all legs."""
-    cycle = walk.cycle(-1)
-    speed = np.abs(np.gradient(walk.position[:, KINDS.index(kind) :: len(KINDS)], PERIOD, axis=0)[cycle])
-    return float((speed < STRIBECK).mean())
+    return float((speeds(walk, kind) < STRIBECK).mean())
 
 
-def at_rest(walk: Walk) -> float:
-    """Share of all legs' support in the last cycle in which vertical joints are slower than the Stribeck velocity."""
-    cycle, column = walk.cycle(-1), slice(KINDS.index(VERTICAL), None, len(KINDS))
-    speed = np.abs(np.gradient(walk.position[:, column], PERIOD, axis=0)[cycle])
-    support = np.stack([~walk.gait.in_transfer(leg, walk.time[cycle]) for leg in range(LEGS)], axis=1)
-    return float((speed[support] < STRIBECK).mean())
+def at_rest(walk: Walk, air: bool = False) -> float:
+    """Share of all legs' support, or transfer, of the last cycle in which vertical joints are slower than that."""
+    return float((speeds(walk, VERTICAL)[in_air(walk) == air] < STRIBECK).mean())
+
+
+def near_stribeck(walk: Walk) -> float:
+    """Share of the last cycle in which vertical joints are near the Stribeck velocity, by :data:`APART` either way."""
+    times = speeds(walk, VERTICAL) / STRIBECK
+    return float(((times > 1.0 / APART) & (times < APART)).mean())
+
+
+def slip(walk: Walk) -> float:
+    """Speed at which feet slip over the ground in settled support, root mean square of all legs [m/s]."""
+    speed = np.linalg.norm(np.gradient(walk.feet, PERIOD, axis=0), axis=2)[walk.cycle(-1)]
+    return rms(np.concatenate([speed[settled(walk, leg), leg] for leg in range(LEGS)]))
+
+
+def landing(walk: Walk) -> float:
+    """Time from the touch of a foot to where it carries, mean of the landings of the last cycle [s]."""
+    found = []
+    for leg in range(LEGS):
+        load = walk.contact[:, leg]
+        carries = CARRIES * float(load[walk.cycle(-1)][settled(walk, leg)].mean())
+        touches = np.flatnonzero((load[1:] > 0.0) & (load[:-1] == 0.0)) + 1
+        for start in touches[-1:]:
+            if (over := np.flatnonzero(load[start:] > carries)).size:
+                found.append(PERIOD * float(over[0] + 1))
+    return float(np.mean(found))
+
+
+def steepest(walk: Walk, within: float = 0.1) -> float:
+    """Largest change of the load on a foot within a time [s], in the last cycle, over the mean load of a support."""
+    steps, load = round(within / PERIOD), walk.contact[walk.cycle(-1)]
+    mean = float(np.mean([load[settled(walk, leg), leg].mean() for leg in range(LEGS)]))
+    return float(np.abs(load[steps:] - load[:-steps]).max()) / mean
 
 
 def tracking(walk: Walk) -> dict[str, float]:
@@ -76,9 +123,8 @@ def tracking(walk: Walk) -> dict[str, float]:
 
 def reversals(walk: Walk) -> int:
     """How often currents over :data:`AT_REST` of vertical motors change their sign in the support of the last cycle."""
-    cycle, count = walk.cycle(-1), 0
+    count = 0
     for leg in range(LEGS):
-        phase, air = walk.gait.phase(leg, walk.time[cycle]), walk.gait.transfer
-        drawn = walk.quantity(walk.current, VERTICAL, leg)[cycle][phase > air + SETTLED * (1.0 - air)]
+        drawn = walk.quantity(walk.current, VERTICAL, leg)[walk.cycle(-1)][settled(walk, leg)]
         count += int(np.count_nonzero(np.diff(np.sign(drawn[np.abs(drawn) > AT_REST]))))
     return count

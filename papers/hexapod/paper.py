@@ -22,6 +22,12 @@ from ...envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, VERTICAL, chains_of
 LIFTED = 0.04  # [m] of the feet that do not stand
 SAMPLE = 0.002  # [s] between samples of the power, five in a period of the controllers
 BREAKAWAY_AT_REST = 330.0  # [N] over Coulomb under 5 kg, assumed: table 8, used where the robot stands (5.4)
+BREAKAWAY_WALKING, BAND = "vertical.friction.stribeck", "vertical.position_pi.band"
+WALKING = {BREAKAWAY_WALKING: 700.0, BAND: 2e-5}
+"""What the paper's walks have in place of the chains' own values, assumed: breakaway over Coulomb under 10 kg [N], of
+table 9; error of vertical joints within which the integral runs out [m]. With the 5e-6 m of the chains they rarely stop
+within it: the integral grows until they give way, at most speeds, however high the breakaway force.
+"""
 
 
 def chains_with(friction: str, changes: Mapping[str, float] | None = None) -> dict[str, Chain]:
@@ -54,6 +60,7 @@ class Standing:
         friction: force at the vertical joint of leg 0 (n,) [N].
         load: that this force would have to be to hold the joint: of everything else, motor included, reversed (n,) [N].
         speed: of that joint (n,) [m/s].
+        position: of all joints (n, 18) [rad, m].
     """
 
     time: np.ndarray
@@ -61,11 +68,23 @@ class Standing:
     friction: np.ndarray
     load: np.ndarray
     speed: np.ndarray
+    position: np.ndarray
 
     @property
     def sinking(self) -> float:
         """How far the body sinks [m]."""
         return float(self.height[0] - self.height[-1])
+
+    @property
+    def transient(self) -> float:
+        """Time after which friction balances the load within 1 % for good [s]."""
+        off = np.abs(self.friction / self.load - 1.0) > 0.01
+        return float(self.time[np.flatnonzero(off)[-1]]) if off.any() else 0.0
+
+    def moved(self, kind: str, after: float = 0.5) -> float:
+        """Largest motion of a joint of this kind from a time [s] on [rad, m]."""
+        settled = self.position[self.time >= after, KINDS.index(kind) :: len(KINDS)]
+        return float(np.ptp(settled, axis=0).max())
 
 
 @dataclass(frozen=True)
@@ -81,6 +100,7 @@ class Walk:
         voltage: (n, 18) [V].
         power: that each motor draws, mean over the period (n, 18) [W]; none flows back.
         contact: normal force at each foot (n, 6) [N].
+        feet: place of the feet on the ground (n, 6, 2) [m].
         weight: of the robot [N].
     """
 
@@ -93,6 +113,7 @@ class Walk:
     voltage: np.ndarray
     power: np.ndarray
     contact: np.ndarray
+    feet: np.ndarray
     weight: float
 
     def cycle(self, number: int) -> slice:
@@ -180,12 +201,12 @@ class Machine:
 
     def stand(self, seconds: float) -> Standing:
         """Stand on six legs with motors at 0 V; their duty limit must be zero."""
-        self.place(self._stance())
+        self.place(self.stance())
         vertical = coordinate(0, VERTICAL)
         dof = int(self.model.joint(vertical).dofadr[0])
         loads = [self.drivetrain.state_addresses[vertical] + slot for slot in (S_LOAD, S_TORQUE)]
         count = round(seconds / PERIOD)
-        rows = np.empty((count + 1, 5))
+        rows, position = np.empty((count + 1, 5)), np.empty((count + 1, 3 * LEGS))
         mujoco.mj_forward(self.model, self.data)
         for k in range(count + 1):
             if k:
@@ -193,10 +214,13 @@ class Machine:
             load = -float(self.data.userdata[loads].sum())
             speed = float(self.data.qvel[dof])
             rows[k] = self.data.time, self.data.qpos[2], self.friction_force(dof), load, speed
+            position[k] = self.data.qpos[self._qpos]
         self._check()
-        return Standing(*rows.T)
+        time, height, friction, loads, speeds = rows.T
+        return Standing(time, height, friction, loads, speeds, position)
 
-    def _stance(self) -> np.ndarray:
+    def stance(self) -> np.ndarray:
+        """Joint positions in the middle of the work space (18,) [rad, m]."""
         limits = HEXAPOD.goal_limits(self.values)
         return np.array([0.5 * sum(limits[item.name]) for item in self.drivetrain.coordinates])
 
@@ -231,10 +255,11 @@ class Machine:
         self.place(goals[0])
         data, samples = self.data, round(PERIOD / SAMPLE)
         nstep = round(SAMPLE / self.model.opt.timestep)
-        place, contact = np.empty((count, 3)), np.empty((count, LEGS))
+        place, contact, feet = np.empty((count, 3)), np.empty((count, LEGS)), np.empty((count, LEGS, 2))
+        soles = [self.model.geom(foot(leg)).id for leg in range(LEGS)]
         position, current, voltage, power = (np.empty((count, 3 * LEGS)) for _ in range(4))
         for k in range(count):
-            place[k], position[k] = data.qpos[:3], data.qpos[self._qpos]
+            place[k], position[k], feet[k] = data.qpos[:3], data.qpos[self._qpos], data.geom_xpos[soles, :2]
             data.ctrl[:] = goals[k]
             mean, drawn = np.zeros(3 * LEGS), np.zeros(3 * LEGS)
             for _ in range(samples):
@@ -255,12 +280,24 @@ class Machine:
             voltage=voltage,
             power=power,
             contact=contact,
+            feet=feet,
             weight=self.weight,
         )
 
     def _check(self) -> None:
         if any(warning.number for warning in self.data.warning[int(mujoco.mjtWarning.mjWARN_BADQPOS) :]):
             raise SealegsError("the simulation of the hexapod became unstable; take a smaller step.")
+
+
+def walk(
+    friction: str,
+    gait: Tripod | None = None,
+    cycles: float = 1.25,
+    changes: Mapping[str, float] | None = None,
+    params: Mapping[str, float] | None = None,
+) -> Walk:
+    """Section 7: the gait with the numbers of :data:`WALKING`; arguments as :class:`Machine` has them."""
+    return Machine(friction, {**WALKING, **(changes or {})}, params).walk(gait or Tripod(), cycles)
 
 
 def friction_at_rest() -> Friction:

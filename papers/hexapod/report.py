@@ -15,10 +15,10 @@ from ...common.errors import SealegsError
 from ...envs.hexapod.gait import SPEED, Tripod
 from ...envs.hexapod.parameters import NUMBERS
 from ...envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL
-from . import rows
+from . import experiments, rows
 from .choices import PAPER
 from .measures import motors
-from .paper import BREAKAWAY_AT_REST, Walk, chains_with, friction_at_rest, limit_by_speed
+from .paper import BREAKAWAY_AT_REST, WALKING, Walk, chains_with, friction_at_rest, limit_by_speed
 
 
 def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print) -> dict[str, Any]:
@@ -37,11 +37,12 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
     if (out / "hexapod.json").exists():
         raise SealegsError(f"{out} holds a comparison already; give another folder as out=.")
     out.mkdir(parents=True, exist_ok=True)
-    found = rows.run(seconds, say)
+    found = experiments.run(seconds, say)
     standing, walks, resistance = found.standing, found.walks, found.resistance
     printed = rows.rows(found)
     result = {
         **PAPER.document(printed),
+        "page_tables": experiments.page_tables(found),
         "identified_friction": {name: np.asarray(value).tolist() for name, value in asdict(found.identified).items()},
         "sinking_m": {name: row.sinking for name, row in standing.items()},
         "penetration_m": found.depth,
@@ -52,7 +53,11 @@ def compare(out: Path, seconds: float = 10.0, say: Callable[[str], None] = print
         "shares_in_transfer_and_support": {name: walk.shares() for name, walk in walks.items()},
         "gait": asdict(Tripod()),
         "chains": {
-            name: {joint: chain.to_list() for joint, chain in chains_with(name).items() if joint.startswith("leg0")}
+            name: {
+                joint: chain.to_list()
+                for joint, chain in chains_with(name, WALKING).items()
+                if joint.startswith("leg0")
+            }
             for name in FRICTIONS
         },
         "breakaway_at_rest_N": BREAKAWAY_AT_REST,
@@ -84,7 +89,7 @@ def table(walks: Mapping[str, Walk], resistance: Mapping[str, Mapping[float, flo
     for quantity in next(iter(measured.values())):
         unit = "A" if quantity.endswith("current") else "V"
         for part in ("transfer", "support"):
-            values = "".join(f"{row[quantity][f'{part} rms']:15.2f}" for row in measured.values())
+            values = "".join(f"{row[quantity][part]:15.2f}" for row in measured.values())
             lines.append(f"{quantity + ', ' + part:33s} [{unit}] {values}")
     lines.append("specific resistance")
     for speed in next(iter(resistance.values())):

@@ -2,189 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
 
 from ...common.errors import SealegsError
-from ...envs.hexapod.gait import SPEED, Tripod
+from ...envs.hexapod.gait import SPEED
 from ...envs.hexapod.parameters import LEGS, NUMBERS
-from ...envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, ROTATION, VERTICAL, coordinate, total_mass
+from ...envs.hexapod.robot import HORIZONTAL, KINDS, ROTATION, VERTICAL, total_mass
 from ..published import Mark, Otherwise, Row, half_digit
 from . import choices, friction_bench
-from .measures import AT_REST, STRIBECK, at_rest, breaking_loose, motors, reversals, slow, tracking
-from .paper import BREAKAWAY_AT_REST, Machine, Standing, Walk, penetration_on, stand_unpowered
+from .experiments import (
+    ABRUPT,
+    AT_REST_FORCE,
+    CHAIN_BAND,
+    COASTS,
+    GIVES_WAY,
+    JOINT,
+    LOAD,
+    NO_BAND,
+    NO_LOAD,
+    P_ALONE,
+    P_SMOOTH,
+    REGULARISED,
+    SOFT,
+    STEADY_LIFT,
+    STICKS,
+    STRONG,
+    WALKING_FORCE,
+    WEAK_LEGS,
+    WIDE,
+    Results,
+)
+from .measures import (
+    APART,
+    AT_REST,
+    SETTLED,
+    STRIBECK,
+    at_rest,
+    breaking_loose,
+    drawing,
+    landing,
+    motors,
+    near_stribeck,
+    reversals,
+    slip,
+    slow,
+    speeds,
+    steepest,
+    tracking,
+)
+from .paper import BREAKAWAY_AT_REST, BREAKAWAY_WALKING, PERIOD, WALKING, Walk, friction_at_rest, limit_by_speed
 
-UNPOWERED = ("none", "dry/viscous", "LuGre")  # Fig. 8
-SPEEDS = (0.01, 0.03)  # [m/s] of Fig. 12, beside the gait's own; the printed ones are not at hand
-FASTER = (0.03, 0.04, 0.05, 0.06)  # [m/s] at which the motors' voltages are looked at
-SETTLING = 0.25  # share of a cycle before the one that is measured
-COASTS = 0.25  # [s] in which the robot falls with open circuits
-OPEN = 1e4  # [ohm]
-WEAK_LEGS = (1, 3)  # 5.4: their breakaway force is that under 5 kg while the robot walks
-NO_LOAD, LOAD = "dry/viscous", "dry/viscous 2"
 ALIKE = 0.1
-CHANGED: tuple[tuple[str, dict[str, float], dict[str, float]], ...] = (
-    ("the chosen numbers, at 3 cm/s as all below", {}, {}),
-    ("a stance 15 % lower", {}, {"stance_height": 0.85 * NUMBERS["stance_height"].value}),
-    ("links with centres 20 % further out", {}, {"link_centre": 1.2 * NUMBERS["link_centre"].value}),
-    ("floor friction times 0.6", {}, {"floor_friction": 0.6 * NUMBERS["floor_friction"].value}),
-    ("gain of the vertical motors doubled", {"vertical.position_pi.gain": 2500.0}, {}),
-)
-"""Assumed numbers and other values of them: label, changes of the chains, changes of the robot."""
-_JOINT = friction_bench.planted({}, control=True)
-SCREW, MOTOR = _JOINT.value("gear.ratio"), _JOINT.value("dc_motor.motor_constant")
-WALKING_BREAKAWAY = friction_bench.planted({}, control=True).value("friction.stribeck")  # [N] over Coulomb
-GEARS: tuple[tuple[str, dict[str, float]], ...] = (
-    ("screw gears times 0.7", {f"{kind}.gear.ratio": 0.7 * SCREW for kind in (VERTICAL, HORIZONTAL)}),
-    ("screw gears times 1.4", {f"{kind}.gear.ratio": 1.4 * SCREW for kind in (VERTICAL, HORIZONTAL)}),
-    ("motors with 0.8 of their constant", {f"{kind}.dc_motor.motor_constant": 0.8 * MOTOR for kind in KINDS}),
-)
-"""Assumed gears and motors: label, changes of the chains."""
-P_ALONE, P_SMOOTH, NO_BAND, WIDE = (
-    "P alone",
-    "P alone, no friction",
-    "no anti-windup",
-    "ten times the Stribeck velocity",
-)
-OTHERWISE: dict[str, tuple[str, dict[str, float]]] = {
-    P_ALONE: ("LuGre", {f"{kind}.position_pi.integral": 0.0 for kind in KINDS}),
-    P_SMOOTH: ("none", {f"{kind}.position_pi.integral": 0.0 for kind in KINDS}),
-    NO_BAND: ("LuGre", {f"{kind}.position_pi.band": 0.0 for kind in KINDS}),
-    WIDE: ("LuGre", {"vertical.friction.stribeck_velocity": 10.0 * STRIBECK}),
-}
-"""Walks with other controllers or friction: joint friction, and changes of the chains."""
+LITTLE = 0.05
+BY_LEG = "friction by leg and direction"
 INPUTS: Mark = "follows from the inputs"
-
-
-def by_leg(at_rest: bool = False) -> dict[str, float]:
-    """Changes that give each vertical joint a friction of its own, by direction, as tables 4, 8 and 9 have.
-
-    Args:
-        at_rest: with the breakaway forces under 5 kg in all legs, which legs 1 and 3 have always.
-    """
-    changes = {}
-    for leg in range(LEGS):
-        friction = friction_bench.of_leg(leg)
-        if at_rest or leg in WEAK_LEGS:
-            friction["stribeck"] *= BREAKAWAY_AT_REST / WALKING_BREAKAWAY
-        changes |= {f"{coordinate(leg, VERTICAL)}.friction.{key}": value for key, value in friction.items()}
-    return changes
-
-
-@dataclass(frozen=True)
-class Results:
-    """What the experiments found.
-
-    Attributes:
-        seconds: that the robot stood [s].
-        depth: of the feet in the ground on three legs [m].
-        standing: with motors at 0 V, by joint friction.
-        by_leg_standing: likewise with LuGre friction by leg and direction.
-        coasting: sinking in :data:`COASTS` without friction, motors at 0 V and with open circuits [m].
-        walks: at the gait's own speed, by joint friction.
-        by_leg_walks: likewise, with friction by leg and direction; legs 1 and 3 cannot hold 10 kg.
-        resistance: specific resistance by joint friction and speed [m/s].
-        fastest: speed at which no motor asks for more than its supply [m/s].
-        others: sensitivities, by the quantity.
-        identified: friction of six vertical joints.
-        otherwise: walks by what is changed in :data:`OTHERWISE`.
-    """
-
-    seconds: float
-    depth: float
-    standing: Mapping[str, Standing]
-    by_leg_standing: Standing
-    coasting: tuple[float, float]
-    walks: Mapping[str, Walk]
-    by_leg_walks: Mapping[str, Walk]
-    resistance: Mapping[str, Mapping[float, float]]
-    fastest: float
-    others: Mapping[str, tuple[Otherwise, ...]]
-    identified: friction_bench.Identified
-    otherwise: Mapping[str, Walk]
-
-
-def run(seconds: float, say: Callable[[str], None]) -> Results:
-    """Run the paper's experiments; the robot stands for so long [s] with its motors at 0 V."""
-    standing: dict[str, Standing] = {}
-    for name in UNPOWERED:
-        say(f"standing {seconds:g} s with motors at 0 V, joint friction: {name}")
-        standing[name] = stand_unpowered(name, seconds)
-    by_leg_standing = stand_unpowered("LuGre", seconds, by_leg(at_rest=True))
-    closed, opened = (
-        stand_unpowered("none", COASTS, changes).sinking for changes in ({}, {"vertical.dc_motor.resistance": OPEN})
-    )
-    walks, by_leg_walks = {}, {}
-    for name in FRICTIONS:
-        say(f"walking at {100 * SPEED:g} cm/s, joint friction: {name}")
-        walks[name] = Machine(name).walk(Tripod(), 2.0)
-        if name in (NO_LOAD, "LuGre"):
-            by_leg_walks[name] = Machine(name, by_leg()).walk(Tripod(), 1.0 + SETTLING)
-    resistance = sweep(walks, say)
-    say("walking faster")
-    fastest = _fastest({})
-    others = changed(say)
-    others["fastest"] = tuple(Otherwise(label, 100.0 * _fastest(changes)) for label, changes in GEARS)
-    others["sinking"] = tuple(
-        Otherwise(label, f"{1e3 * stand_unpowered('none', 1.0, changes).sinking:.1f} mm in 1 s")
-        for label, changes in GEARS
-    )
-    say("friction of six vertical joints from motor currents")
-    return Results(
-        seconds,
-        depth=penetration_on(3),
-        standing=standing,
-        by_leg_standing=by_leg_standing,
-        coasting=(closed, opened),
-        walks=walks,
-        by_leg_walks=by_leg_walks,
-        resistance=resistance,
-        fastest=fastest,
-        others=others,
-        identified=friction_bench.identify(),
-        otherwise={label: Machine(*what).walk(Tripod(), 2.0) for label, what in OTHERWISE.items()},
-    )
-
-
-def _fastest(changes: Mapping[str, float]) -> float:
-    """The last of :data:`FASTER` before a motor asks for more than its supply [m/s]; 0: the first one does."""
-    return max(takewhile(lambda speed: _within_supply(speed, changes), FASTER), default=0.0)
-
-
-def _within_supply(speed: float, changes: Mapping[str, float]) -> bool:
-    machine = Machine("LuGre", changes)
-    walk = machine.walk(Tripod(speed), 1.0 + SETTLING)
-    volts = machine.drivetrain.chains[coordinate(0, VERTICAL)].value("supply.volts")
-    return bool(np.abs(walk.voltage[walk.cycle(-1)]).max() < 0.999 * volts)
-
-
-def sweep(walks: Mapping[str, Walk], say: Callable[[str], None]) -> dict[str, dict[float, float]]:
-    """Specific resistance by joint friction and heading velocity [m/s]; ``walks`` are those at the gait's own."""
-    resistance: dict[str, dict[float, float]] = {}
-    for name, walk in walks.items():
-        say(f"specific resistance, joint friction: {name}")
-        values = {SPEED: walk.resistance()}
-        for speed in SPEEDS:
-            values[speed] = Machine(name).walk(Tripod(speed), 1.0 + SETTLING).resistance()
-        resistance[name] = dict(sorted(values.items()))
-    return resistance
-
-
-def changed(say: Callable[[str], None]) -> dict[str, tuple[Otherwise, ...]]:
-    """What the statements on load and on LuGre become with other assumed numbers, by the quantity; all at 3 cm/s."""
-    fast = Tripod(max(SPEEDS))
-    found: dict[str, list[Otherwise]] = {"resistance": [], "current": []}
-    for label, chains, params in CHANGED:
-        say(f"walking at {100 * fast.speed:g} cm/s with {label}")
-        walks = {name: Machine(name, chains, params).walk(fast, 1.0 + SETTLING) for name in (NO_LOAD, "LuGre", LOAD)}
-        found["resistance"].append(Otherwise(label, walks["LuGre"].resistance() / walks[NO_LOAD].resistance()))
-        along = {name: motors(walks[name])["horizontal current"]["support rms"] for name in (NO_LOAD, LOAD)}
-        found["current"].append(Otherwise(label, f"{along[LOAD]:.2f} A over {along[NO_LOAD]:.2f} A"))
-    return {name: tuple(values) for name, values in found.items()}
 
 
 def input_rows() -> list[Row]:
@@ -218,9 +91,15 @@ def _said(name: str, where: str, ours: str, agrees: bool, mark: Mark, judged: st
 def standing_rows(found: Results) -> list[Row]:
     """Section 6: motors at 0 V; and how deep the feet sink in."""
     sinking = {name: 1e3 * row.sinking for name, row in found.standing.items()}
+    by_law = {law: 1e3 * row.sinking for law, row in found.law_standing.items()}
     enough, time = found.seconds, f"in {found.seconds:g} s"
-    settled, spread = found.standing["LuGre"], found.by_leg_standing
+    settled = found.standing["LuGre"]
     coasts, falls = (1e3 * value for value in found.coasting)
+    limits = limit_by_speed(friction_at_rest(), settled.speed)
+    jump, step = 2.0 * float(np.abs(limits).min()), float(np.abs(np.diff(settled.friction[1:])).max())
+    sides = int(np.count_nonzero(np.diff(np.sign(limits))))
+    others = {kind: settled.moved(kind) for kind in (ROTATION, HORIZONTAL)}
+    soft = 1e3 * found.soft_standing.sinking
     return [
         Row(
             "penetration of the feet on three legs", "4.2.1", 2.3, 1e3 * found.depth, "planted and recovered", "mm",
@@ -229,129 +108,228 @@ def standing_rows(found: Results) -> list[Row]:
         _said(
             choices.ALTITUDE, "6", f"{sinking['LuGre']:.2f} mm {time}", sinking["LuGre"] < 1.0, "fitted",
             "assumed: under 1 mm", rests=choices.STANDS,
-            sensitivity=(Otherwise("friction by leg and direction", f"{1e3 * spread.sinking:.2f} mm {time}"),),
+            sensitivity=(Otherwise(BY_LEG, f"{1e3 * found.by_leg_standing.sinking:.2f} mm {time}"),),
         ),
         _said(
             choices.DRY_SINKS, "6", f"{sinking['dry/viscous']:.1f} mm {time}", sinking["dry/viscous"] > enough,
             "fitted", "assumed: over 1 mm/s", rests=choices.STANDS,
         ),
         _said(
-            "nor without friction", "6", f"{sinking['none']:.1f} mm {time}", sinking["none"] > enough, "predicted",
-            "assumed: over 1 mm/s", rests=(*choices.ROBOT, "motor"), sensitivity=found.others["sinking"],
+            "dry/viscous of (34) holds at no level: as high as LuGre's breakaway force, it sinks", "6",
+            f"{by_law[REGULARISED]:.1f} mm {time} with {AT_REST_FORCE:.0f} N", by_law[REGULARISED] > 1.0, "predicted",
+            "assumed: over 1 mm", rests=choices.STANDS,
+            rival=Otherwise(
+                f"{STICKS}, {AT_REST_FORCE:.0f} N", f"{by_law[STICKS]:.2f} mm {time}", by_law[STICKS] > 1.0
+            ),
         ),
         _said(
-            "motors at 0 V brake the sinking by their back-EMF", "6",
-            f"{coasts:.2f} mm in {COASTS:g} s without friction", coasts < 0.1 * falls, "predicted",
-            "assumed: a tenth of what open circuits let it sink",
-            rests=(*choices.ROBOT, "motor"), sensitivity=(Otherwise("open circuits", f"{falls:.1f} mm"),),
-            note="decides nothing: a motor without back-EMF could not brake at all",
+            "nor does the robot hold without friction", "6", f"{sinking['none']:.1f} mm {time}",
+            sinking["none"] > enough, "predicted", "assumed: over 1 mm/s", rests=(*choices.ROBOT, "motor"),
+            sensitivity=found.others["sinking"],
+        ),
+        _said(
+            "with dry/viscous, part of the damping is the motors' back-EMF", "6",
+            f"{coasts:.2f} mm in {COASTS:g} s, with open circuits {falls:.1f} mm", falls > (1.0 + ALIKE) * coasts,
+            "predicted", "assumed: open circuits let it sink a tenth more", rests=choices.STANDS,
+            note="here it is nearly all of the damping",
         ),
         Row(
             choices.BALANCE, "6", 1.0, float(settled.friction[-1] / settled.load[-1]), "fitted", "", 0.01,
-            judged="assumed", rests=choices.STANDS, note=f"{settled.friction[-1]:.0f} N at leg 0",
+            judged="assumed", rests=choices.STANDS,
+            note=f"{settled.friction[-1]:.0f} N at leg 0, within 1 % after {1e3 * settled.transient:.0f} ms",
+        ),
+        _said(
+            "the limit of the bristles changes sides, which they smooth", "6, Fig. 10",
+            f"{sides} changes by {jump:.0f} N or more, the friction by {step:.0f} N at most in 10 ms",
+            sides > 0 and step < ALIKE * jump, "predicted", "assumed: by less than a tenth", rests=choices.STANDS,
+        ),
+        _said(
+            "the stiffness of the bristles must be high enough", "5.2",
+            f"with {SOFT:g} N/m the robot sinks {soft:.1f} mm {time}", soft > 1.0, "predicted", "assumed: over 1 mm",
+            rests=choices.STANDS, note="a hundredth of the printed stiffness",
+        ),
+        _said(
+            "rotations and horizontal joints are not reversible either", "5.4",
+            f"at 0 V they move by {others[ROTATION]:.1e} rad and {1e3 * others[HORIZONTAL]:.1e} mm",
+            max(others.values()) < STRIBECK, "predicted", "assumed: 1e-4 rad, 0.1 mm", rests=choices.STANDS,
+            note="decides little: a robot that stands hardly loads them",
+        ),
+    ]  # fmt: skip
+
+
+def leg_rows(found: Results) -> list[Row]:
+    """One leg: what gravity asks of its joints, and how they are coupled."""
+    _, vertical, horizontal = (abs(value) for value in found.gravity)
+    with_rotors, without = found.coupling
+    return [
+        _said(
+            "high gears decouple the dynamics of the leg parts", "1", f"mutual inertia {with_rotors:.2%} at most",
+            with_rotors < ALIKE, "predicted", "assumed: under a tenth", rests=choices.ROBOT,
+            sensitivity=(Otherwise("without the rotors behind their gears", f"{without:.0%}"),),
+        ),
+        _said(
+            "gravity influences vertical joints, and less the horizontal ones", "5.3",
+            f"{vertical:.0f} N and {horizontal:.0f} N", 0.0 < horizontal < vertical, "predicted", "less or not",
+            rests=choices.ROBOT,
         ),
     ]  # fmt: skip
 
 
 def current_rows(found: Results) -> list[Row]:
-    """Section 7.2.1: what the motors of leg 0 draw."""
-    measured = {name: motors(walk) for name, walk in found.walks.items()}
-    up = {name: row["vertical current"]["support median"] for name, row in measured.items()}
-    along = {name: row["horizontal current"]["support rms"] for name, row in measured.items()}
-    share, largest, heavier = breaking_loose(found.walks["LuGre"])
-    spread = {name: motors(walk)["vertical current"]["support median"] for name, walk in found.by_leg_walks.items()}
-    loose = breaking_loose(found.by_leg_walks["LuGre"])
-    weak = [motors(found.by_leg_walks["LuGre"], leg)["vertical current"]["support median"] for leg in WEAK_LEGS]
-    other = "friction by leg and direction, legs 1 and 3 weak"
+    """Section 7.2.1: what the motors draw."""
+    walk, dry = found.walks["LuGre"], found.walks[NO_LOAD]
+    spread = found.by_leg_walks["LuGre"]
+    measured = {name: motors(of) for name, of in found.walks.items()}
+    along = {name: row["horizontal current"]["support"] for name, row in measured.items()}
+    swings = {kind: [motors(found.walks[name], 1 if kind == ROTATION else 0)[f"{kind} current"]["transfer"]
+                     for name in (NO_LOAD, "LuGre", LOAD)] for kind in KINDS}  # fmt: skip
+    apart = {kind: max(swing) / min(swing) for kind, swing in swings.items()}
+    cycles = [breaking_loose(walk, number) for number in range(1, round(walk.time.size / (walk.cycle(0).stop)))]
+    share, largest, load = np.array(cycles).T
+    weak = [f"{drawing(spread, leg):.0%}" for leg in WEAK_LEGS]
+    strong = {law: drawing(of) for law, of in found.law_walks.items()}
 
-    def loosened(part: float, most: float, times: float) -> str:
-        return f"in {part:.0%} of it, at {times:.1f} times the load, {most:.2f} A" if part else "never"
+    def loose(speed: float) -> str:
+        return ", ".join(f"{row.loose} at {row.force:.0f} N" for row in found.held if row.speed == speed)
 
-    def support(values: Mapping[str, float], name: str) -> str:
-        return f"median {1e3 * values[name]:.0f} mA"
+    def share_of(of: Walk, after: float = SETTLED) -> str:
+        legs = [drawing(of, leg, after=after) for leg in range(LEGS)]
+        return f"for {legs[0]:.0%} of leg 0's, {max(legs):.0%} of the worst leg's"
 
-    rows = [
+    return [
         _said(
-            choices.NO_CURRENT, "7.2.1", support(up, "LuGre"), up["LuGre"] < AT_REST, "fitted",
-            f"assumed: under {1e3 * AT_REST:g} mA", rests=choices.WALKS,
+            choices.NO_CURRENT, "5, 7.2.1", share_of(walk), max(drawing(walk, leg) for leg in range(LEGS)) < 0.5,
+            "fitted", f"assumed: over {1e3 * AT_REST:g} mA for less than half", rests=choices.DRAWS,
             sensitivity=(
-                Otherwise(other, support(spread, "LuGre")),
-                Otherwise("legs 1 and 3 there", " and ".join(f"{1e3 * value:.0f}" for value in weak) + " mA"),
+                *(Otherwise(f"{100 * row.speed:g} cm/s", f"for {row.drawn[0]:.0%} of leg 0's, {max(row.drawn):.0%} of "
+                            "the worst leg's") for row in found.held if row.force == WALKING_FORCE),
+                Otherwise("all but 0.5 s of a support looked at", share_of(walk, after=0.5)),
+                Otherwise(CHAIN_BAND, share_of(found.otherwise[CHAIN_BAND])),
+                Otherwise(f"{BY_LEG}, legs 1 and 3 weak", share_of(spread)),
+                Otherwise("legs 1 and 3 there", " and ".join(weak)),
             ),
         ),
         _said(
-            choices.REGULATION, "7.2.1", support(up, NO_LOAD), up[NO_LOAD] > AT_REST, "fitted",
-            f"assumed: over {1e3 * AT_REST:g} mA", rests=choices.WALKS,
-            sensitivity=(Otherwise(other, support(spread, NO_LOAD)),),
+            choices.REGULATION, "7.2.1", share_of(dry), min(drawing(dry, leg) for leg in range(LEGS)) > 0.5,
+            "fitted", f"assumed: over {1e3 * AT_REST:g} mA for more than half", rests=choices.DRAWS,
+            sensitivity=(Otherwise(BY_LEG, share_of(found.by_leg_walks[NO_LOAD])),),
         ),
         _said(
-            choices.BREAKS_LOOSE, "7.2.1", loosened(share, largest, heavier), 0.0 < share < 0.5 and heavier > 1.0,
-            "fitted", "at a higher load than in the rest", rests=choices.WALKS,
-            sensitivity=(Otherwise(other, loosened(*loose)),),
-            note="here it gives way as the other tripod lands and the load on leg 0 falls",
+            "dry/viscous does not catch zero friction: as high as any load, the motor needs current", "7.2.1",
+            f"for {strong[REGULARISED]:.0%} of leg 0's support with {STRONG:.0f} N", strong[REGULARISED] > 0.5,
+            "predicted", "assumed: for more than half", rests=choices.DRAWS,
+            rival=Otherwise(f"{STICKS}, {STRONG:.0f} N", f"for {strong[STICKS]:.0%}", strong[STICKS] > 0.5),
+        ),
+        _said(
+            "the breakaway force defines whether a joint is reversible", "8",
+            f"a load of {found.load:.0f} N; legs that give way: {loose(SPEED)}",
+            all((row.loose > 0) == (row.force < found.load) for row in found.held if row.speed == SPEED),
+            "predicted", "gives way below the load and not above it", rests=choices.DRAWS,
+            sensitivity=tuple(
+                Otherwise(f"{100 * speed:g} cm/s", loose(speed))
+                for speed in sorted({row.speed for row in found.held} - {SPEED})
+            ),
+            rival=Otherwise(f"{REGULARISED}, {STRONG:.0f} N", f"current for {strong[REGULARISED]:.0%} of the support",
+                            strong[REGULARISED] < GIVES_WAY),
+            note=f"gives way: draws current for more than {GIVES_WAY:.0%} of a settled support",
+        ),
+        _said(
+            choices.BREAKS_LOOSE, "7.2.1",
+            f"in {share.min():.0%} to {share.max():.0%} of it, from {np.nanmin(load):.2f} times the mean load on, "
+            f"{largest.max():.2f} A",
+            bool(share.min() > 0.0 and share.max() < 0.5 and np.nanmin(load) > 1.0), "fitted",
+            "for less than half, and at more than the mean load", rests=choices.DRAWS,
+            note=f"cycles 2 to {1 + len(cycles)}. Slight in time, not in size: the motor takes the load",
         ),
         _said(
             choices.HORIZONTAL_CURRENT, "7.2.1", f"{along[LOAD]:.2f} A over {along[NO_LOAD]:.2f} A",
-            along[LOAD] > along[NO_LOAD], "fitted", "higher or not", rests=choices.WALKS,
+            along[LOAD] > along[NO_LOAD], "fitted", "higher or not", rests=choices.DRAWS,
             sensitivity=found.others["current"],
         ),
+        _said(
+            "swing phases are alike, whatever the friction model", "7.2.1",
+            "largest current over the smallest: " + ", ".join(f"{kind} {times:.2f}" for kind, times in apart.items()),
+            max(apart.values()) < 1.0 + ALIKE, "predicted", "assumed: a tenth is alike", rests=choices.WALKS,
+            note="; ".join(f"{kind} {', '.join(f'{value:.2f}' for value in swing)} A" for kind, swing in swings.items())
+            + " with dry/viscous, LuGre, dry/viscous 2; rotation of leg 1, because that of leg 0 stands still. LuGre "
+            "has a breakaway force to pass as the foot lifts off; the other joints have one law in the air",
+        ),
     ]  # fmt: skip
-    for kind in KINDS:
-        leg = 1 if kind == ROTATION else 0  # the rotation of leg 0, which points ahead, stands still
-        swing = [motors(found.walks[name], leg)[f"{kind} current"]["transfer rms"] for name in (NO_LOAD, "LuGre", LOAD)]
-        mark, rests, note = INPUTS, (), "in the air the three laws are the same, so this cannot come out otherwise"
-        if kind == VERTICAL:
-            mark, rests, note = "predicted", choices.WALKS, "LuGre has a breakaway force to pass as the foot lifts off"
-        rows.append(
-            Row(
-                f"{kind} current in transfer of leg {leg}, largest of three joint frictions over the smallest",
-                "7.2.1", 1.0, max(swing) / min(swing), mark, "", ALIKE, judged="assumed: a tenth is alike", rests=rests,
-                note=f"{', '.join(f'{value:.2f}' for value in swing)} A with dry/viscous, LuGre, dry/viscous 2; {note}",
-            )
-        )  # fmt: skip
-    return rows
 
 
 def gait_rows(found: Results) -> list[Row]:
-    """Sections 5.2, 2.1 and 7.3: motion, the highest speed, specific resistance."""
-    walk = found.walks["LuGre"]
+    """Sections 5.2, 2.1 and 7.3: motion, contact, the highest speed, specific resistance."""
+    walk, spread = found.walks["LuGre"], found.by_leg_walks
     at = {name: row[SPEED] for name, row in found.resistance.items()}
     over = {v: found.resistance["LuGre"][v] / found.resistance[NO_LOAD][v] for v in found.resistance["LuGre"]}
     worst = max(over, key=lambda v: abs(over[v] - 1.0))
     better = {v: 1.0 - found.resistance[NO_LOAD][v] / found.resistance[LOAD][v] for v in over}
-    spread = found.by_leg_walks["LuGre"].resistance() / found.by_leg_walks[NO_LOAD].resistance()
+    by_leg_over = spread["LuGre"].resistance() / spread[NO_LOAD].resistance()
     vertical = sum(found.walks[NO_LOAD].shares()[VERTICAL]) / at[NO_LOAD]
-    by_leg_walk = found.by_leg_walks["LuGre"]
-    still, spread_still = ({kind: slow(of, kind) for kind in KINDS} for of in (walk, by_leg_walk))
-    other = "friction by leg and direction"
+    still, spread_still = ({kind: slow(of, kind) for kind in KINDS} for of in (walk, spread["LuGre"]))
+    fast = {kind: float(np.median(speeds(walk, kind))) / STRIBECK for kind in (ROTATION, HORIZONTAL)}
+    slipped, lasts = slip(walk), landing(walk)
+    smooth, abrupt = steepest(walk), steepest(found.otherwise[ABRUPT])
     return [
         _said(
-            "rotations and horizontal joints always move", "5.2",
+            "rotations and horizontal joints always move", "5.2, 7.2",
             f"below 1e-4 for {still[ROTATION]:.1%} and {still[HORIZONTAL]:.1%} of a cycle",
-            max(still[ROTATION], still[HORIZONTAL]) < 0.05, "predicted", "assumed: for less than 5 %",
+            max(still[ROTATION], still[HORIZONTAL]) < LITTLE, "predicted", "assumed: for less than 5 %",
             rests=choices.WALKS, note="rotations of the two legs that point along the way stand still",
-            sensitivity=(Otherwise(other, f"{spread_still[ROTATION]:.1%} and {spread_still[HORIZONTAL]:.1%}"),),
+            sensitivity=(Otherwise(BY_LEG, f"{spread_still[ROTATION]:.1%} and {spread_still[HORIZONTAL]:.1%}"),),
         ),
         _said(
-            choices.STILL, "5.2", f"below 1e-4 m/s for {at_rest(walk):.1%} of the support", at_rest(walk) > 0.95,
-            "fitted", "assumed: for more than 95 %", rests=choices.WALKS,
-            sensitivity=(Otherwise(other, f"{at_rest(by_leg_walk):.1%} of the support"),),
+            "their velocities are well above the Stribeck velocity", "5.2",
+            f"median {fast[ROTATION]:.0f} and {fast[HORIZONTAL]:.0f} times 1e-4", min(fast.values()) > APART,
+            "predicted", "assumed: ten times", rests=choices.WALKS,
+        ),
+        _said(
+            choices.STILL, "5, 5.2, 7.2", f"below 1e-4 m/s for {at_rest(walk):.1%} of the support",
+            at_rest(walk) > 1.0 - LITTLE, "fitted", "assumed: for more than 95 %", rests=choices.WALKS,
+            sensitivity=(Otherwise(BY_LEG, f"{at_rest(spread['LuGre']):.1%} of the support"),),
+        ),
+        _said(
+            "in swing, vertical joints always move", "5.4",
+            f"below 1e-4 m/s for {at_rest(walk, air=True):.0%} of the transfer", at_rest(walk, air=True) < LITTLE,
+            "predicted", "assumed: for less than 5 %", rests=choices.WALKS,
+            sensitivity=(Otherwise(STEADY_LIFT, f"{at_rest(found.otherwise[STEADY_LIFT], air=True):.0%}"),),
+            note="the assumed gait holds a lifted foot at its height",
+        ),
+        _said(
+            "vertical joints stand, or move well above the Stribeck velocity", "5.2",
+            f"from a tenth to ten times of it for {near_stribeck(walk):.1%} of a cycle", near_stribeck(walk) < LITTLE,
+            "predicted", "assumed: for less than 5 %", rests=choices.WALKS,
+        ),
+        _said(
+            choices.SLIP, "4.2.1", f"{1e3 * slipped:.2f} mm/s, {slipped / SPEED:.1%} of the gait's speed",
+            slipped < ALIKE * SPEED, "fitted", "assumed: a tenth of the speed", rests=choices.WALKS,
+        ),
+        _said(
+            "impact is quite long", "4.2.1", f"a foot carries {1e3 * lasts:.0f} ms after it touches", lasts > PERIOD,
+            "predicted", "assumed: longer than a period of the controllers", rests=choices.WALKS,
+        ),
+        _said(
+            "with a double stance the load changes smoothly", "7.1",
+            f"by {smooth:.0%} of the mean load in 0.1 s at most", smooth < abrupt, "predicted",
+            "less than without or not", rests=choices.WALKS, sensitivity=(Otherwise(ABRUPT, f"{abrupt:.0%}"),),
         ),
         Row(
             "highest speed on flat ground", "2.1", 3.0, 100.0 * found.fastest, "predicted", "cm/s", ALIKE,
             judged="assumed: about is a tenth", rests=choices.WALKS,
-            note="the fastest of 3, 4, 5 and 6 cm/s at which no motor asks for more than its supply",
+            note="the last in steps of 1 cm/s at which no motor asks for more than its supply",
             sensitivity=found.others["fastest"],
         ),
         Row(
-            "specific resistance of LuGre over that of dry/viscous", "7.3", 1.0, over[worst], "predicted", "", ALIKE,
-            judged="assumed: identical in a figure is a tenth",
-            sensitivity=(*found.others["resistance"], Otherwise("friction by leg and direction", spread)),
+            "specific resistance of LuGre over that of dry/viscous: irreversibility saves nothing", "7.3", 1.0,
+            over[worst], "predicted", "", ALIKE, judged="assumed: identical in a figure is a tenth",
+            sensitivity=(
+                *(Otherwise(f"at {100 * v:g} cm/s", value) for v, value in over.items()),
+                *found.others["resistance"], Otherwise(BY_LEG, by_leg_over),
+            ),
             note=f"the worst of three speeds, {100 * worst:g} cm/s. Only the vertical joint can differ, which has "
-            f"{vertical:.0%} of it; the other laws are the same while they slide: the row cannot decide between LuGre "
-            "and dry friction. It decides against ideal joints in place of the frictions: no number was chosen for "
-            "this resistance, which friction could have filled much less",
-            rests=choices.WALKS, rival=Otherwise("ideal joints, without friction", at["none"] / at[NO_LOAD]),
+            f"{vertical:.0%} of it at {100 * SPEED:g} cm/s; the other laws are the same while they slide: the row "
+            "cannot decide between LuGre and dry friction",
+            rests=choices.WALKS,
         ),
         _said(
             "friction is what degrades the performance", "7.3",
@@ -371,7 +349,7 @@ def bench_rows(found: friction_bench.Identified) -> list[Row]:
     mark: Mark = "planted and recovered"
     sides = "six legs, both directions"
     coulomb, viscous, breakaway = (found.worst(name) for name in ("coulomb", "viscous", "breakaway"))
-    weak, strong = (_holds(stribeck, 10.0) for stribeck in (BREAKAWAY_AT_REST, WALKING_BREAKAWAY))
+    weak, strong = (_holds(stribeck, 10.0) for stribeck in (BREAKAWAY_AT_REST, WALKING[BREAKAWAY_WALKING]))
     return [
         Row(
             f"Coulomb friction of the vertical joint, {sides}", "5.3", "tables 4 to 6 (missing)",
@@ -425,18 +403,13 @@ def controller_rows(found: Results) -> list[Row]:
 
 
 def arithmetic_rows() -> list[Row]:
-    """Statements on assumed numbers that need no simulation: slip, bristles, viscous friction."""
-    slip = NUMBERS["slip_speed"].value
-    joint = {key: _JOINT.value(f"friction.{key}") for key in ("coulomb", "viscous", "stribeck", "bristle_damping")}
-    bound = friction_bench.largest_bristle_damping(joint["coulomb"], joint["stribeck"], joint["viscous"])
+    """Statements on assumed numbers that need no simulation: bristles, viscous friction."""
+    joint = {key: JOINT.value(f"friction.{key}") for key in ("coulomb", "viscous", "bristle_damping")}
+    breakaway = WALKING[BREAKAWAY_WALKING]
+    bound = friction_bench.largest_bristle_damping(joint["coulomb"], breakaway, joint["viscous"])
     fastest = max(friction_bench.SPEEDS)
     viscous = joint["viscous"] * fastest / joint["coulomb"]
     return [
-        _said(
-            choices.SLIP, "4.2.1",
-            f"at most {1e3 * slip:g} mm/s short of sliding, {slip / SPEED:.1%} of the gait's speed",
-            slip < ALIKE * SPEED, "fitted", "assumed: a tenth of the speed", rests=("slip_speed",),
-        ),
         _said(
             f"bristle damping of {joint['bristle_damping']:g} N.s/m is dissipative", "5.2",
             f"up to {bound:.0f} N.s/m in the vertical joint", joint["bristle_damping"] < bound, "predicted",
@@ -466,6 +439,7 @@ def rows(found: Results) -> list[Row]:
     return [
         *input_rows(),
         *standing_rows(found),
+        *leg_rows(found),
         *current_rows(found),
         *gait_rows(found),
         *bench_rows(found.identified),
