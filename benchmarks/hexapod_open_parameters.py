@@ -3,7 +3,7 @@
     python -m benchmarks.hexapod_open_parameters        about ten minutes
 
 Writes benchmarks/results/hexapod_open_parameters.md. Every row stands for 2 s with its motors at 0 V (LuGre and
-dry/viscous), and walks one cycle at 3 cm/s with the three joint frictions of Fig. 12, after a quarter of a cycle.
+dry/viscous), and walks at 3 cm/s with the three joint frictions of Fig. 12; the last cycle of 2.25 is measured.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 from sealegs.common.errors import SealegsError
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.parameters import NUMBERS
-from sealegs.envs.hexapod.robot import VERTICAL
-from sealegs.papers.hexapod.paper import BREAKAWAY_AT_REST, Machine, chains_with, stand_unpowered
-from sealegs.papers.hexapod.rows import motors
+from sealegs.papers.hexapod.measures import drawing
+from sealegs.papers.hexapod.paper import BREAKAWAY_AT_REST, WALKING, Machine, chains_with, stand_unpowered
 
 OUT = Path(__file__).parent / "results" / "hexapod_open_parameters.md"
 SPEED = 0.03  # [m/s] the fastest of the paper: its cycle is the shortest
 STOOD = 2.0  # [s]
 STEPS = (0.00025, 0.0005, 0.001, 0.002)  # [s]
+HOLDING = (1, 2, 4, 5)  # legs at the sides; the foremost and the last are loaded beyond their breakaway force
 WALKED = ("dry/viscous", "LuGre", "dry/viscous 2")
 
 CHAIN = {  # assumed values of the chains and what they are changed by
@@ -73,7 +73,7 @@ def cases() -> Iterator[tuple[str, dict[str, float], dict[str, float], Tripod]]:
 def path_value(friction: str, path: str) -> float:
     """An assumed value of the chains, by ``kind.stage.parameter``; 0 where this friction has none."""
     kind, stage, key = path.split(".")
-    found = chains_with(friction)[f"leg0_{kind}"].find(stage)
+    found = chains_with(friction, WALKING)[f"leg0_{kind}"].find(stage)
     return float(getattr(found, key)) if found is not None else 0.0
 
 
@@ -97,11 +97,11 @@ def _cells(
     timestep: float | None,
 ) -> str:
     sunk = [1e3 * stand_unpowered(name, STOOD, at_rest, params, timestep).sinking for name in WALKED[1::-1]]
-    walks = {name: Machine(name, changes, params, timestep).walk(gait, 1.25) for name in WALKED}
+    walks = {name: Machine(name, {**WALKING, **changes}, params, timestep).walk(gait, 2.25) for name in WALKED}
     dry, lugre, load = (walk.resistance() for walk in walks.values())
-    held = [1e3 * motors(walks[name])[f"{VERTICAL} current"]["support median"] for name in WALKED[1::-1]]
+    drawn = [100.0 * max(drawing(walks[name], leg) for leg in HOLDING) for name in WALKED[1::-1]]
     return (
-        f"| {label} | {sunk[0]:.2f} | {sunk[1] * 10.0 / STOOD:.1f} | {held[0]:.0f} | {held[1]:.0f} | {dry:.2f} | "
+        f"| {label} | {sunk[0]:.2f} | {sunk[1] * 10.0 / STOOD:.1f} | {drawn[0]:.0f} | {drawn[1]:.0f} | {dry:.2f} | "
         f"{lugre / dry - 1.0:+.1%} | {1.0 - dry / load:.0%} |"
     )
 
@@ -109,15 +109,16 @@ def _cells(
 HEAD = """# What the hexapod's paper leaves open
 
 2 s with motors at 0 V, then one cycle at 3 cm/s. "xi" is the specific resistance with dry/viscous friction, "LuGre" how
-far it differs with LuGre, and "better" what the absence of load dependence saves. "Holds at" is the median current
-of the vertical motor of leg 0 in support. Made by `python -m benchmarks.hexapod_open_parameters`.
+far it differs with LuGre, and "better" what the absence of load dependence saves. "Draws" is the share of a settled
+support in which a vertical motor draws current, of the worst of the four legs at the sides. Made by `python -m
+benchmarks.hexapod_open_parameters`.
 """
 COLUMNS = (
     "",
     "LuGre sinks [mm]",
     "dry sinks [mm in 10 s]",
-    "LuGre holds at [mA]",
-    "dry at [mA]",
+    "LuGre draws [% of support]",
+    "dry draws [% of support]",
     "xi dry",
     "LuGre",
     "better",

@@ -30,7 +30,7 @@ MOTORS = ("motor", "controllers", "vertical_coulomb", "vertical_viscous", "horiz
 STANDS = (*ROBOT, *MOTORS, "breakaway_at_rest")
 WALKS = (*ROBOT, *MOTORS, "breakaway_walking", "horizontal_load", "gait")
 DRAWS = (*WALKS, "settled")
-BENCH = (*ROBOT, "vertical_coulomb", "vertical_viscous", "breakaway_walking", "bench", "spread_by_leg")
+BENCH = (*ROBOT, *MOTORS[:2], "vertical_coulomb", "vertical_viscous", "breakaway_walking", "bench", "spread_by_leg")
 """Names of the chosen numbers that each experiment rests on."""
 
 

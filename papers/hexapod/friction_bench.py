@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import mujoco
 import numpy as np
@@ -53,7 +52,6 @@ def external(load: float) -> float:
     return leg_weight() + force_per_load * GRAVITY * load
 
 
-@cache
 def leg_weight() -> float:
     """Q_leg, by which the weight of the leg's own parts raises a vertical joint [N]."""
     return -gravity()[KINDS.index(VERTICAL)]

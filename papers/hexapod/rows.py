@@ -103,7 +103,7 @@ def standing_rows(found: Results) -> list[Row]:
     return [
         Row(
             "penetration of the feet on three legs", "4.2.1", 2.3, 1e3 * found.depth, "planted and recovered", "mm",
-            half_digit(2.3, 1), judged="half a digit", rests=("ground_damping", "foot_radius"),
+            half_digit(2.3, 1), judged="half a digit", rests=(*choices.ROBOT, *choices.MOTORS),
         ),
         _said(
             choices.ALTITUDE, "6", f"{sinking['LuGre']:.2f} mm {time}", sinking["LuGre"] < 1.0, "fitted",
@@ -302,16 +302,16 @@ def gait_rows(found: Results) -> list[Row]:
         ),
         _said(
             choices.SLIP, "4.2.1", f"{1e3 * slipped:.2f} mm/s, {slipped / SPEED:.1%} of the gait's speed",
-            slipped < ALIKE * SPEED, "fitted", "assumed: a tenth of the speed", rests=choices.WALKS,
+            slipped < ALIKE * SPEED, "fitted", "assumed: a tenth of the speed", rests=choices.DRAWS,
         ),
         _said(
             "impact is quite long", "4.2.1", f"a foot carries {1e3 * lasts:.0f} ms after it touches", lasts > PERIOD,
-            "predicted", "assumed: longer than a period of the controllers", rests=choices.WALKS,
+            "predicted", "assumed: longer than a period of the controllers", rests=choices.DRAWS,
         ),
         _said(
             "with a double stance the load changes smoothly", "7.1",
             f"by {smooth:.0%} of the mean load in 0.1 s at most", smooth < abrupt, "predicted",
-            "less than without or not", rests=choices.WALKS, sensitivity=(Otherwise(ABRUPT, f"{abrupt:.0%}"),),
+            "less than without or not", rests=choices.DRAWS, sensitivity=(Otherwise(ABRUPT, f"{abrupt:.0%}"),),
         ),
         Row(
             "highest speed on flat ground", "2.1", 3.0, 100.0 * found.fastest, "predicted", "cm/s", ALIKE,
@@ -368,7 +368,7 @@ def bench_rows(found: friction_bench.Identified) -> list[Row]:
         ),
         Row(
             choices.OVERCOME, "5.4", "stated", "held" if weak else "overcome", "fitted", agrees=not weak,
-            judged="overcome or not", rests=(*choices.BENCH, *choices.ROBOT, "breakaway_at_rest"),
+            judged="overcome or not", rests=(*choices.BENCH, "breakaway_at_rest"),
             sensitivity=(Otherwise("the breakaway force under 10 kg", "held" if strong else "overcome"),),
         ),
     ]  # fmt: skip
@@ -392,7 +392,7 @@ def controller_rows(found: Results) -> list[Row]:
             choices.HUNTING, "2.2",
             f"{turns['PI']} reversals of the current in support, of all vertical motors; without it {turns[NO_BAND]}",
             turns["PI"] == 0 < turns[NO_BAND], "fitted", f"none; a current over {1e3 * AT_REST:g} mA counts",
-            rests=choices.WALKS,
+            rests=choices.DRAWS,
         ),
         Row(
             "specific resistance with ten times the Stribeck velocity, which is not critical", "5.2", 1.0,

@@ -19,7 +19,7 @@ GIVEN = {
     "biped": "003 44 24 30 1",  # equations, and settings of the simulation
     "confidence": "0.9 0.6",  # edges of the bins
     "diagnosis": "5 20 24 0.9 1.2 95 120 240 1050 1060 1180",  # settings, seeds and bars
-    "hexapod": "001 0 10 1.5 3 1 5",  # loads, legs and a speed of the paper
+    "hexapod": "001 34 10 1.5 3 1 5",  # an equation, loads, legs and a speed of the paper
     "hopper": "004 3 7 2.5 0.3 0.23 1",  # what the paper prints
     "how-fast": "24 1 100",  # settings
     "index": "0.9 0.6 10 72 100",  # edges of the bins, and settings
