@@ -14,7 +14,7 @@ from ...envs.hexapod.parameters import LEGS, NUMBERS
 from ...envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL, coordinate
 from ..published import Otherwise
 from . import friction_bench, leg_model
-from .measures import STRIBECK, drawing, heaviest, motors
+from .measures import STRIBECK, drawing, heaviest, motors, slip
 from .paper import (
     BAND,
     BREAKAWAY_AT_REST,
@@ -259,11 +259,12 @@ def sweep(walks: Mapping[str, Walk], say: Callable[[str], None]) -> dict[str, di
 def changed(say: Callable[[str], None]) -> dict[str, tuple[Otherwise, ...]]:
     """What the statements on load and on LuGre become with other assumed numbers, by the quantity; all at 3 cm/s."""
     fast = Tripod(max(SPEEDS))
-    found: dict[str, list[Otherwise]] = {"resistance": [], "current": []}
+    found: dict[str, list[Otherwise]] = {"resistance": [], "current": [], "slip": []}
     for label, chains, params in CHANGED:
         say(f"walking at {100 * fast.speed:g} cm/s with {label}")
         walks = {name: walk(name, fast, STEADY, chains, params) for name in (NO_LOAD, "LuGre", LOAD)}
         found["resistance"].append(Otherwise(label, walks["LuGre"].resistance() / walks[NO_LOAD].resistance()))
+        found["slip"].append(Otherwise(label, f"{slip(walks['LuGre']) / fast.speed:.1%} of the gait's speed"))
         along = {name: motors(walks[name])["horizontal current"]["support"] for name in (NO_LOAD, LOAD)}
         found["current"].append(Otherwise(label, f"{along[LOAD]:.2f} A over {along[NO_LOAD]:.2f} A"))
     return {name: tuple(values) for name, values in found.items()}

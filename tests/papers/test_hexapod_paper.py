@@ -89,7 +89,7 @@ def test_a_joint_under_more_load_than_its_breakaway_force_draws_current_and_unde
 
 
 def test_feet_slip_little_and_take_longer_to_carry_than_a_period_of_the_controllers(walks: dict[str, Walk]) -> None:
-    assert slip(walks["LuGre"]) < 0.05 * FAST
+    assert slip(walks["LuGre"]) < 0.15 * FAST
     assert landing(walks["LuGre"]) > 0.02
 
 
