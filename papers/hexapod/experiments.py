@@ -14,7 +14,7 @@ from ...envs.hexapod.parameters import LEGS, NUMBERS
 from ...envs.hexapod.robot import FRICTIONS, HORIZONTAL, KINDS, VERTICAL, coordinate
 from ..published import Otherwise
 from . import friction_bench, leg_model
-from .measures import STRIBECK, drawing, heaviest, motors, slip
+from .measures import STRIBECK, drawing, heaviest, motors
 from .paper import (
     BAND,
     BREAKAWAY_AT_REST,
@@ -57,7 +57,7 @@ GEARS: tuple[tuple[str, dict[str, float]], ...] = (
 )
 """Assumed gears and motors: label, changes of the chains."""
 NO_INTEGRAL = {f"{kind}.position_pi.integral": 0.0 for kind in KINDS}
-P_ALONE, P_SMOOTH, NO_BAND, WIDE, CHAIN_BAND, ABRUPT, STEADY_LIFT = (
+P_ALONE, P_SMOOTH, NO_BAND, WIDE, CHAIN_BAND, ABRUPT, STEADY_LIFT, FAST = (
     "P alone",
     "P alone, no friction",
     "no anti-windup",
@@ -65,6 +65,7 @@ P_ALONE, P_SMOOTH, NO_BAND, WIDE, CHAIN_BAND, ABRUPT, STEADY_LIFT = (
     "the integral running out within 5e-6 m, as in the chains",
     "no double stance",
     "a foot that rises and sinks all the way",
+    "3 cm/s",
 )
 OTHERWISE: dict[str, tuple[str, Tripod, dict[str, float]]] = {
     P_ALONE: ("LuGre", Tripod(), NO_INTEGRAL),
@@ -74,6 +75,7 @@ OTHERWISE: dict[str, tuple[str, Tripod, dict[str, float]]] = {
     CHAIN_BAND: ("LuGre", Tripod(), {BAND: JOINT.value("position_pi.band")}),
     ABRUPT: ("LuGre", Tripod(double_stance=1e-3), {}),
     STEADY_LIFT: ("LuGre", Tripod(lifting=0.5), {}),
+    FAST: ("LuGre", Tripod(max(SPEEDS)), {}),
 }
 """Walks with other controllers, friction or gaits: joint friction, gait, and changes of the chains."""
 LUGRE, STICKS, REGULARISED = "LuGre", "dry friction that sticks", "dry/viscous of (34)"
@@ -259,12 +261,11 @@ def sweep(walks: Mapping[str, Walk], say: Callable[[str], None]) -> dict[str, di
 def changed(say: Callable[[str], None]) -> dict[str, tuple[Otherwise, ...]]:
     """What the statements on load and on LuGre become with other assumed numbers, by the quantity; all at 3 cm/s."""
     fast = Tripod(max(SPEEDS))
-    found: dict[str, list[Otherwise]] = {"resistance": [], "current": [], "slip": []}
+    found: dict[str, list[Otherwise]] = {"resistance": [], "current": []}
     for label, chains, params in CHANGED:
         say(f"walking at {100 * fast.speed:g} cm/s with {label}")
         walks = {name: walk(name, fast, STEADY, chains, params) for name in (NO_LOAD, "LuGre", LOAD)}
         found["resistance"].append(Otherwise(label, walks["LuGre"].resistance() / walks[NO_LOAD].resistance()))
-        found["slip"].append(Otherwise(label, f"{slip(walks['LuGre']) / fast.speed:.1%} of the gait's speed"))
         along = {name: motors(walks[name])["horizontal current"]["support"] for name in (NO_LOAD, LOAD)}
         found["current"].append(Otherwise(label, f"{along[LOAD]:.2f} A over {along[NO_LOAD]:.2f} A"))
     return {name: tuple(values) for name, values in found.items()}

@@ -96,15 +96,15 @@ def slip(walk: Walk) -> float:
 
 
 def landing(walk: Walk) -> float:
-    """Time from the touch of a foot to where it carries, mean of the landings of the last cycle [s]."""
-    found = []
+    """Time from a foot's first touch to where it carries, mean of all legs in the last cycle in which they land [s]."""
+    found, half = [], round(0.5 * walk.gait.transfer * walk.gait.cycle / PERIOD)
     for leg in range(LEGS):
-        load = walk.contact[:, leg]
+        load, air = walk.contact[:, leg], walk.gait.in_transfer(leg, walk.time)
+        ends = np.flatnonzero(air[:-1] & ~air[1:]) + 1
+        ends = ends[(ends >= half) & (ends < load.size - half)]  # a whole landing
+        lands = load[ends[-1] - half : ends[-1] + half]
         carries = CARRIES * float(load[walk.cycle(-1)][settled(walk, leg)].mean())
-        touches = np.flatnonzero((load[1:] > 0.0) & (load[:-1] == 0.0)) + 1
-        for start in touches[-1:]:
-            if (over := np.flatnonzero(load[start:] > carries)).size:
-                found.append(PERIOD * float(over[0] + 1))
+        found.append(PERIOD * float(np.argmax(lands > carries) - np.argmax(lands > 0.0)))
     return float(np.mean(found))
 
 

@@ -18,6 +18,7 @@ from .experiments import (
     AT_REST_FORCE,
     CHAIN_BAND,
     COASTS,
+    FAST,
     GIVES_WAY,
     JOINT,
     LOAD,
@@ -38,6 +39,7 @@ from .experiments import (
 from .measures import (
     APART,
     AT_REST,
+    CARRIES,
     SETTLED,
     STRIBECK,
     at_rest,
@@ -275,7 +277,8 @@ def gait_rows(found: Results) -> list[Row]:
     vertical = sum(found.walks[NO_LOAD].shares()[VERTICAL]) / at[NO_LOAD]
     still, spread_still = ({kind: slow(of, kind) for kind in KINDS} for of in (walk, spread["LuGre"]))
     fast = {kind: float(np.median(speeds(walk, kind))) / STRIBECK for kind in (ROTATION, HORIZONTAL)}
-    slipped, lasts = slip(walk), landing(walk)
+    fast_walk = found.otherwise[FAST]
+    slipped, lasts, sudden = slip(walk), landing(walk), landing(fast_walk)
     smooth, abrupt = steepest(walk), steepest(found.otherwise[ABRUPT])
     return [
         _said(
@@ -310,11 +313,13 @@ def gait_rows(found: Results) -> list[Row]:
         _said(
             choices.SLIP, "4.2.1", f"{1e3 * slipped:.2f} mm/s, {slipped / SPEED:.1%} of the gait's speed",
             slipped < ALIKE * SPEED, "fitted", "assumed: a tenth of the speed", rests=choices.DRAWS,
-            sensitivity=found.others["slip"],
+            sensitivity=(Otherwise(FAST, f"{slip(fast_walk) / fast_walk.gait.speed:.1%} of it"),),
         ),
         _said(
-            "impact is quite long", "4.2.1", f"a foot carries {1e3 * lasts:.0f} ms after it touches", lasts > PERIOD,
-            "predicted", "assumed: longer than a period of the controllers", rests=choices.DRAWS,
+            "impact is quite long", "4.2.1", f"a foot carries {1e3 * lasts:.0f} ms after it touches",
+            min(lasts, sudden) > PERIOD, "predicted", "assumed: over a period of the controllers, at both speeds",
+            rests=choices.DRAWS, sensitivity=(Otherwise(FAST, f"{1e3 * sudden:.0f} ms"),),
+            note=f"it carries with {CARRIES:.0%} of its mean load in support",
         ),
         _said(
             "with a double stance the load changes smoothly", "7.1",

@@ -88,9 +88,10 @@ def test_a_joint_under_more_load_than_its_breakaway_force_draws_current_and_unde
     assert share < 0.05 and (np.isnan(load) or load > 0.0)
 
 
-def test_feet_slip_little_and_take_longer_to_carry_than_a_period_of_the_controllers(walks: dict[str, Walk]) -> None:
+def test_feet_slip_little_and_carry_at_once_where_they_land_fast(walks: dict[str, Walk]) -> None:
     assert slip(walks["LuGre"]) < 0.15 * FAST
-    assert landing(walks["LuGre"]) > 0.02
+    assert landing(walks["LuGre"]) < 0.02
+    assert landing(walk("LuGre", cycles=1.25)) > 0.05
 
 
 def test_gravity_and_coupling_of_a_leg() -> None:
