@@ -19,6 +19,7 @@ from ...envs.hopper.robot import BASE, FOOT, HIP, HOPPER, KNEE
 
 CONTROL_STEP = 0.001  # [s], IV-D: sensors and controllers at 1 kHz
 SETTLING = 2.0  # [s] of the start that no figure looks at, assumed
+PEAK = 0.3  # [rad/s] by which a peak of a motor's speed stands out, assumed
 LEG_DISTANCE = 0.12  # [m] between the legs of the model with four, assumed; they do not touch
 
 

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.signal import find_peaks
 
 from ...actuators import Chain, load_chain
+from ...common.errors import SealegsError
 from ..published import Mark, Otherwise, Row
 from . import choices, paper
 from .paper import CHAINS, CONTROL_STEP, PRINTED, Figures, Hops, Legs, by_period, flexions, measure
 from .servo_rows import bench_rows, constant_as_friction, input_rows, servo
 
 REAL, IDEAL = CHAINS
+HARDWARE = "hardware"
 NEARLY = ((0.096, 0.084), (0.104, 0.084), (0.104, 0.088))  # [m] next best lengths on the leg without actuator
+LONGER = ((0.112, 0.092), (0.116, 0.096))  # [m] lengths that fit all four figures better, at the edge of a gait
 HARDWARE_GAIN = 55.0  # K_P of the hardware, IV-B
 USED = 0.8  # [N.m] the largest torque of the paper's use case, section III-B
 STANDS = 0.1  # rad/s below which a motor stands
-PEAK = 0.3  # rad/s by which a peak of a motor's speed stands out
 PLAYS = (0.0175, 0.035)  # [rad] of gears that have one
 REGULAR = 0.02  # spread of a period over its mean
 SLIPPERY = (0.8, 0.5)
@@ -62,7 +65,7 @@ def at_its_limit(hops: Hops, chain: Chain) -> float:
 def peaks_in_flight(hops: Hops) -> float:
     """Peaks of the speed of the hip's motor while the foot is in the air, a hop."""
     starts = flexions(hops)
-    peaks = find_peaks(np.abs(hops.motor_speed[:, 0]), prominence=PEAK)[0]
+    peaks = find_peaks(np.abs(hops.motor_speed[:, 0]), prominence=paper.PEAK)[0]
     peaks = peaks[(peaks >= starts[0]) & (peaks < starts[-1])]
     return float((hops.clearance[peaks] > 1e-4).sum()) / (len(starts) - 1)
 
@@ -83,54 +86,69 @@ def apart(one: Hops, other: Hops) -> float:
     return float(np.sqrt(np.mean((first - second) ** 2)) / np.ptp(first))
 
 
+def captured(one: Hops, other: Hops) -> float:
+    """Share of the variance of the first hip's link over the period that the other's has."""
+    first, second = (by_period(hops, hops.link[:, 0]).mean(axis=0) for hops in (one, other))
+    return 1.0 - float(np.mean((first - second) ** 2) / np.var(first))
+
+
 @dataclass(frozen=True)
 class Found:
     """What the rows are made of.
 
     Attributes:
         cases: both cases of the paper, with the lengths that fit all of its figures.
-        blind: likewise with the lengths that fit those without actuator, which know nothing of the servo.
-        hardware: the latter with the hardware's K_P.
-        others: with actuator, something else assumed otherwise, by its name.
+        longer: likewise, with longer ones.
+        blind: likewise with the lengths that fit those without actuator, which know nothing of the servo; and with the
+            hardware's K_P.
+        others: the latter with something else assumed otherwise, by its name.
         signals: without actuator, under other control parameters.
-        damped: with actuator, by damping of the gear [N.m.s/rad].
-        slippery: with actuator, by friction of the ground.
+        damped: with actuator, by damping of the gear [N.m.s/rad]; lengths as of ``blind``.
+        slippery: with actuator, by friction of the ground; likewise.
+        fitted_slippery: likewise, with lengths as of ``cases``.
         speed: simulated time over the time that it takes, by case and number of legs.
     """
 
     cases: Mapping[str, Hops]
+    longer: Mapping[str, Mapping[str, Hops]]
     blind: Mapping[str, Hops]
-    hardware: Hops
-    others: Mapping[str, Hops]
+    others: Mapping[str, Mapping[str, Hops]]
     signals: Mapping[str, Hops]
     damped: Mapping[float, Hops]
     slippery: Mapping[float, Hops]
+    fitted_slippery: Mapping[float, Hops]
     speed: Mapping[str, Mapping[str, float]]
 
 
 def run(seconds: float, say: Callable[[str], None], timed: float = 2.0) -> Found:
     """Hop for so long [s] in each case; measure the cost in simulations of ``timed`` [s]."""
-    own, chain = lengths(choices.BLIND_LENGTHS), servo(HARDWARE_GAIN)
+    own = lengths(choices.BLIND_LENGTHS)
+
+    def hop(params: Mapping[str, float], changed: Callable[[Chain], Chain] = lambda chain: chain) -> dict[str, Hops]:
+        """Without actuator, with it, and with the hardware's K_P."""
+        chains = {
+            REAL: changed(load_chain(CHAINS[REAL])), IDEAL: CHAINS[IDEAL], HARDWARE: changed(servo(HARDWARE_GAIN))
+        }  # fmt: skip
+        return {name: Legs(chain, params=params).hop(seconds) for name, chain in chains.items()}
+
     say(f"hopping {seconds:g} s with and without actuator")
     cases = {name: Legs(source).hop(seconds) for name, source in CHAINS.items()}
     say("hopping with link lengths that know nothing of the servo")
-    blind = {name: Legs(source, params=own).hop(seconds) for name, source in CHAINS.items()}
-    others = {f"links of {a:g} and {b:g} m": Legs(chain, params=lengths((a, b))).hop(seconds) for a, b in NEARLY}
-    others["the constant of (3) as friction"] = Legs(constant_as_friction(chain), params=own).hop(seconds)
-    stages = chain.to_list()
+    others = {f"links of {a:g} and {b:g} m": hop(lengths((a, b))) for a, b in NEARLY}
+    others["the constant of (3) as friction"] = hop(own, constant_as_friction)
     for play in PLAYS:
-        loose = load_chain([*stages, {"backlash": {"width": play}}])
-        others[f"a play of {np.degrees(play):.0f} deg"] = Legs(loose, params=own).hop(seconds)
+        others[f"a play of {np.degrees(play):.0f} deg"] = hop(own, partial(with_play, width=play))
     return Found(
         cases,
-        blind,
-        hardware=Legs(chain, params=own).hop(seconds),
+        longer={f"links of {a:g} and {b:g} m": hop(lengths((a, b))) for a, b in LONGER},
+        blind=hop(own),
         others=others,
         signals={
             f"amplitude {a:g} rad, threshold {t:g} N.m": under(own, a, t).hop(seconds) for a, t in choices.SIGNALS
         },
-        damped={d: Legs(servo().with_value("friction.viscous", d)).hop(seconds) for d in DAMPINGS},
-        slippery={mu: Legs(CHAINS[REAL], params={"floor_friction": mu}).hop(seconds) for mu in SLIPPERY},
+        damped={d: Legs(servo().with_value("friction.viscous", d), params=own).hop(seconds) for d in DAMPINGS},
+        slippery={mu: Legs(CHAINS[REAL], params={**own, "floor_friction": mu}).hop(seconds) for mu in SLIPPERY},
+        fitted_slippery={mu: Legs(CHAINS[REAL], params={"floor_friction": mu}).hop(seconds) for mu in SLIPPERY},
         speed={
             name: {str(count): Legs(source, count).real_time_factor(timed) for count in (1, 4)}
             for name, source in CHAINS.items()
@@ -138,11 +156,24 @@ def run(seconds: float, say: Callable[[str], None], timed: float = 2.0) -> Found
     )
 
 
+def with_play(chain: Chain, width: float) -> Chain:
+    """A servo whose gear has a play [rad]."""
+    return load_chain([*chain.to_list(), {"backlash": {"width": width}}])
+
+
 def under(params: Mapping[str, float], amplitude: float, threshold: float) -> Legs:
     """A leg without actuator under other control parameters."""
     legs = Legs(CHAINS[IDEAL], params=params)
     legs.controller = replace(legs.controller, amplitude=amplitude, threshold=threshold)
     return legs
+
+
+def hopped(hops: Hops) -> list[Figures]:
+    """Its figures; none where the leg does not hop."""
+    try:
+        return [measure(hops)]
+    except SealegsError:
+        return []
 
 
 def told(figures: Figures) -> str:
@@ -183,32 +214,34 @@ def hopping_rows(found: Found) -> list[Row]:
     """Frequencies and heights: fitted, and what the leg without actuator says about the one with it."""
     rows: list[Row] = []
     for name, hops in found.cases.items():
-        rows += figure_rows(name, name, hops, "fitted", CHOSEN)
+        longer = {label: pair[name] for label, pair in found.longer.items()}
+        rows += figure_rows(name, name, hops, "fitted", CHOSEN, longer)
     rows += figure_rows(f"{IDEAL}, lengths from it", IDEAL, found.blind[IDEAL], "fitted", BLIND)
+    others = {label: hops[HARDWARE] for label, hops in found.others.items()}
     with_75 = {"K_P = 75, as in the simulation": found.blind[REAL]}
     rows += figure_rows(
-        "of the hardware", "hardware", found.hardware, "predicted", BLIND, others={**found.others, **with_75},
+        "of the hardware", HARDWARE, found.blind[HARDWARE], "predicted", BLIND, others={**others, **with_75},
         rival=found.blind[IDEAL],
         note=f"with the hardware's K_P = {HARDWARE_GAIN:g}; the wear of its gears is not printed",
     )  # fmt: skip
     rows += figure_rows(
         f"{REAL}, lengths from the leg without", REAL, found.blind[REAL], "predicted", BLIND,
-        {f"K_P = {HARDWARE_GAIN:g}, as on the hardware": found.hardware}, found.blind[IDEAL],
+        {f"K_P = {HARDWARE_GAIN:g}, as on the hardware": found.blind[HARDWARE]}, found.blind[IDEAL],
     )  # fmt: skip
     hardware = PRINTED["hardware"]
-    tried = {name: measure(hops) for name, hops in found.signals.items()}
+    tried = {name: figures for name, hops in found.signals.items() for figures in hopped(hops)}
 
     def off(figures: Figures) -> float:
         return max(abs(figures.frequency / hardware.frequency - 1.0), abs(figures.height / hardware.height - 1.0))
 
-    best = min(tried, key=lambda name: off(tried[name]))
+    best, *next_best = sorted(tried, key=lambda name: off(tried[name]))[:3]
     return [
         *rows,
         Row(
             choices.UNSUITED, "V-A", "likely", f"{best}: {told(tried[best])}", "fitted",
             agrees=off(tried[best]) < off(measure(found.blind[IDEAL])),
             judged="others come nearer to the hardware, or not", rests=(*BLIND, "height_of_a_jump", "other_signals"),
-            sensitivity=tuple(Otherwise(name, told(figures)) for name, figures in tried.items() if name != best),
+            sensitivity=tuple(Otherwise(name, told(tried[name])) for name in next_best),
             note=f"with the printed ones {told(measure(found.blind[IDEAL]))}; the hardware has "
             f"{hardware.frequency:g} Hz, {100.0 * hardware.height:g} cm",
         ),
@@ -217,63 +250,62 @@ def hopping_rows(found: Found) -> list[Row]:
 
 def compared_rows(found: Found) -> list[Row]:
     """What differs without actuator, each with the hardware's lengths unknown."""
-    real, ideal = found.blind[REAL], found.blind[IDEAL]
 
-    def row(name: str, printed: str, of: Callable[[Hops], tuple[str, bool]], judged: str, note: str = "") -> Row:
-        ours, agrees = of(real)
+    def row(name: str, printed: str, of: Callable[[Hops, Hops], tuple[str, bool]], judged: str) -> Row:
+        """A row of what is said with actuator and without, in this order."""
+        ours, agrees = of(found.blind[REAL], found.blind[IDEAL])
         return Row(
             f"without actuator {name}", "IV-E", printed, ours, "predicted", agrees=agrees, judged=judged, rests=BLIND,
-            sensitivity=tuple(Otherwise(label, of(hops)[0]) for label, hops in found.others.items()), note=note,
+            sensitivity=tuple(
+                Otherwise(label, of(hops[REAL], hops[IDEAL])[0]) for label, hops in found.others.items()
+            ),
         )  # fmt: skip
-
-    less, early = flexion(ideal), 1e3 * trigger(ideal)
-    spike = float(np.abs(ideal.motor_speed[:, 0]).max())
-
-    def spikes(hops: Hops) -> tuple[str, bool]:
-        most = float(np.abs(hops.motor_speed[:, 0]).max())
-        return f"{spike:.0f} over {most:.1f} rad/s", spike > most
 
     return [
         row(
             "the leg flexes less", "less",
-            lambda hops: (f"{less:.2f} under {flexion(hops):.2f} rad", less < flexion(hops)), "less or not",
+            lambda real, ideal: (f"{flexion(ideal):.2f} under {flexion(real):.2f} rad", flexion(ideal) < flexion(real)),
+            "less or not",
         ),
         row(
             "the signal comes earlier", "earlier",
-            lambda hops: (f"{early:.0f} ms after touchdown, with it {1e3 * trigger(hops):.0f}",
-                          early < 1e3 * trigger(hops)), "earlier or not",
+            lambda real, ideal: (f"{1e3 * trigger(ideal):.0f} ms after touchdown, with it {1e3 * trigger(real):.0f}",
+                                 trigger(ideal) < trigger(real)), "earlier or not",
         ),
         row(
             "the hip's link moves clearly otherwise over the period", "clearly",
-            lambda hops: (f"{apart(hops, ideal):.0%} of its range, rms", apart(hops, ideal) > 0.1),
+            lambda real, ideal: (f"{apart(real, ideal):.0%} of its range, rms", apart(real, ideal) > 0.1),
             "assumed: over a tenth",
         ),
         row(
-            "the motor's speed has spikes", "stated", spikes, "higher or not",
-            "its position is the goal, which steps, so nothing could make it come out otherwise",
+            "the hip's link moves roughly alike over the period", "roughly",
+            lambda real, ideal: (f"{captured(real, ideal):.0%} of its variance", captured(real, ideal) > 0.5),
+            "assumed: over half",
         ),
     ]  # fmt: skip
 
 
 def use_rows(found: Found) -> list[Row]:
     """What else is said of hopping."""
-    real, ideal = found.cases[REAL], found.cases[IDEAL]
-    others = {"lengths from the leg without": found.blind[REAL], f"and K_P = {HARDWARE_GAIN:g}": found.hardware}
-    plays = {name: hops for name, hops in found.others.items() if "play" in name}
-    spread = [measure(hops).regularity for hops in (real, ideal)]
-    full = at_its_limit(real, servo())
+    real = found.blind[REAL]
+    fitted = {"lengths that fit all four figures": found.cases[REAL]}
+    others = {**fitted, f"K_P = {HARDWARE_GAIN:g}": found.blind[HARDWARE]}
+    plays = {name: hops[REAL] for name, hops in found.others.items() if "play" in name}
+    spread = [measure(hops).regularity for hops in found.blind.values()]
+    full, chain = at_its_limit(real, servo()), servo()
+    reached = np.degrees(chain.value("duty_limit.limit") / chain.value("position_p.gain"))
 
     def row(name: str, where: str, printed: Any, of: Callable[[Hops], Any], agrees: bool, judged: str, note: str = "",
-            changed: Mapping[str, Hops] = others, unit: str = "") -> Row:  # fmt: skip
+            changed: Mapping[str, Hops] = others, unit: str = "", rests: tuple[str, ...] = BLIND) -> Row:  # fmt: skip
         return Row(
-            name, where, printed, of(real), "predicted", unit, agrees=agrees, judged=judged, rests=CHOSEN,
+            name, where, printed, of(real), "predicted", unit, agrees=agrees, judged=judged, rests=rests,
             sensitivity=tuple(Otherwise(label, of(hops)) for label, hops in changed.items()), note=note,
         )  # fmt: skip
 
     return [
         Row(
             choices.HOPS, "IV-B, IV-E", "stated", ", ".join(f"{value:.2%}" for value in spread) + " of the period",
-            "fitted", agrees=max(spread) < REGULAR, judged=f"assumed: under {REGULAR:.0%}", rests=CHOSEN,
+            "fitted", agrees=max(spread) < REGULAR, judged=f"assumed: under {REGULAR:.0%}", rests=BLIND,
             note="the paper left out the D part because the gear damps enough",
         ),
         row(
@@ -282,15 +314,16 @@ def use_rows(found: Found) -> list[Row]:
         ),
         Row(
             "the hip is overloaded in the flexion", "IV-E, V-A", "stated", f"full duty in {full:.0%} of its last tenth",
-            "predicted", agrees=full > 0.5, judged="assumed: over half of it", rests=CHOSEN,
-            sensitivity=(Otherwise("lengths from the leg without", f"{at_its_limit(found.blind[REAL], servo()):.0%}"),),
-            note="the servo turns on all the same; how much it may take is not printed",
+            "predicted", agrees=full > 0.5, judged="assumed: over half of it", rests=BLIND,
+            sensitivity=tuple(Otherwise(label, f"{at_its_limit(hops, chain):.0%}") for label, hops in fitted.items()),
+            note=f"full duty is reached {reached:.1f} deg off the goal, so that it hardly can fail. The servo turns "
+            "on all the same; how much it may take is not printed",
         ),
         row(
             "peaks of the hip motor's speed in flight, a hop", "IV-E, V-A", "absent",
             lambda hops: f"{peaks_in_flight(hops):.1f}", peaks_in_flight(real) < 1.5,
             "assumed: none but the one of the goal", note="the motor swings about its goal; a play adds none to that",
-            changed=plays,
+            changed=plays, rests=(*BLIND, "peak"),
         ),
         row(
             "torques of the use case, at most", "III-C", USED, lambda hops: measure(hops).torque,
@@ -301,16 +334,21 @@ def use_rows(found: Found) -> list[Row]:
 
 def other_rows(found: Found) -> list[Row]:
     """What the paper says of numbers that it did not change: damping of the gear and friction of the ground."""
-    figures = measure(found.cases[REAL])
+    figures = measure(found.blind[REAL])
     damped = {value: measure(hops) for value, hops in found.damped.items()}
     slippery = {mu: measure(hops) for mu, hops in found.slippery.items()}
+
+    fitted = {1.0: found.cases[REAL], **found.fitted_slippery}
+
+    def closely(value: Figures) -> str:
+        return f"{value.frequency:.3f} Hz, {100.0 * value.height:.2f} cm"
 
     def moved(value: Figures) -> float:
         return max(abs(value.frequency / figures.frequency - 1.0), abs(value.height / figures.height - 1.0))
 
     rough = [value for value in damped if value]
     most, without = max(moved(damped[value]) for value in rough), moved(damped[0.0])
-    rests = (*CHOSEN, "height_of_a_jump")
+    rests = (*BLIND, "height_of_a_jump")
     return [
         Row(
             "a rough damping of the gear suffices", "V-B", "likely",
@@ -325,14 +363,17 @@ def other_rows(found: Found) -> list[Row]:
         ),
         Row(
             "on a ground with less friction it jumps lower and faster", "V-A", "likely",
-            f"mu = 1: {figures.frequency:.3f} Hz, {100.0 * figures.height:.2f} cm", "predicted",
+            f"mu = 1: {closely(figures)}", "predicted",
             agrees=all(
                 value.height < figures.height and value.frequency > figures.frequency for value in slippery.values()
             ),
             judged=f"lower and faster at mu = {' and '.join(f'{mu:g}' for mu in slippery)}, or not", rests=rests,
-            sensitivity=tuple(
-                Otherwise(f"mu = {mu:g}", f"{value.frequency:.3f} Hz, {100.0 * value.height:.2f} cm")
-                for mu, value in slippery.items()
+            sensitivity=(
+                *(Otherwise(f"mu = {mu:g}", closely(value)) for mu, value in slippery.items()),
+                Otherwise(
+                    "lengths that fit all four figures",
+                    "; ".join(f"mu = {mu:g}: {closely(measure(hops))}" for mu, hops in fitted.items()),
+                ),
             ),
             note="the hardware's friction is not printed",
         ),
@@ -343,6 +384,7 @@ def cost_rows(speed: Mapping[str, Mapping[str, float]]) -> list[Row]:
     """Time that the simulation takes, by case and number of legs, over real time."""
     one = [speed[name]["1"] / CONTROL_STEP / 1e3 for name in CHAINS]
     note = "not judged: it measures this computer and its load, and another engine"
+    slower = "more" if one[0] < one[1] else "not more"
     return [
         Row(
             "updates of one leg, with and without actuator", "IV-E", "more than 3 kHz",
@@ -350,7 +392,7 @@ def cost_rows(speed: Mapping[str, Mapping[str, float]]) -> list[Row]:
         ),
         Row(
             "computing time with actuator over that without", "abstract, V-B", "not more", f"{one[1] / one[0]:.2f}",
-            "predicted", rests=CHOSEN, timed=True, note=note,
+            "predicted", rests=CHOSEN, timed=True, note=f"it takes {slower}; {note}",
         ),
         Row(
             "four legs with actuators over real time", "IV-E", "0.9", f"{speed[REAL]['4']:.0f}", "predicted",
