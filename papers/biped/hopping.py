@@ -20,6 +20,7 @@ from .controller import PERIOD, RATIOS, Gait, HoppingController, Phase
 JOINT_TICKS = 2**17  # steps per turn of the encoders on joints, torso and boom, assumed
 SPEED_WINDOW = 10  # periods over which the computer differentiates the centre of mass, assumed
 SETTLED = 8  # hops after which the period is taken, assumed
+STEADY = 20  # hops in 30 s that count as steady, assumed
 DROP = 0.05  # [m] from which the experiment starts, assumed
 ANGLES, SHAPES = slice(0, 4, 2), slice(1, 4, 2)  # of the coordinates, in the robot's order
 NAMES = tuple(item.name for item in BIPED.coordinates)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators import Chain
 from ...envs.biped.drive import DRIVES, PULLEYS, SPRING_RATIO, torque_chain
 from ...envs.biped.robot import BIPED
 from .cable_fit import Cable, fit_cable
@@ -26,11 +27,15 @@ from .identification import (
     fit_spring,
 )
 from .rig import cable_record, leg_load, leg_record, noise_of, pulleys_record, spring_postures
+from .tables import TABLE_IV, pulley_inertia
 
 HOPS = 92  # VIII-D
 SHOWN = (31, 32)  # hops of Fig. 21 to 23
 SUBSTEPS = 4  # of the engine in a millisecond of the controller; convergence in docs/results/biped.md
-CHOSEN, NO_UPDATE, NO_BIAS, TORSO = "as chosen", "K_Tor (printed)", "amplifier biases", "torso_mass"
+CHOSEN, NO_UPDATE, NO_BIAS = "as chosen", "K_Tor (printed)", "amplifier biases"
+TORSO = ("torso_mass", "torso_inertia")
+PRINTED_SPRING_DAMPING = 15.0  # [N.m.s/rad] K_dB as table VI reads
+AS_PRINTED = f"K_dB {PRINTED_SPRING_DAMPING:g}, as printed"
 ON_RIGID = "gains tuned on rigid cables"
 TUNED, RIGID, STRETCHING = "the machine of the search", "rigid", "stretching"
 STIFFER = 100.0  # times the printed stiffness, which is rigid
@@ -60,7 +65,8 @@ def identify(name: str, hopping: Hopping) -> Identified:
     rng = noise_of(name)
     drive, values = DRIVES[name], BIPED.parameters()
     pulleys = tuple(fit_pulleys(pulleys_record(name, step, rng)) for step in range(3))
-    motor = fit_motor([item.inertia for item in pulleys], PULLEYS[drive.kind], drive.rotor_inertia)
+    drawn = [pulley_inertia(name, step) for step in range(3)]
+    motor = fit_motor([item.inertia for item in pulleys], drawn, drive.rotor_inertia)
     inertia = motor.factor * drive.rotor_inertia + PULLEYS[drive.kind][2]
     leg, stiff = (
         fit_leg(leg_record(name, rng, times), leg_load(values, drive.kind), drive.ratio, motor.constant, inertia)
@@ -191,7 +197,8 @@ def changes() -> list[tuple[str, str, dict[str, Any]]]:
     for factor in (0.85, 1.09):
         rows.append(("cable of right leg angle", f"K_C {3.5 * factor:.2f} N.m/rad", {"chains": _right_cable(factor)}))
     rows.append((NO_BIAS, "0", {"chains": lambda name: torque_chain(name).without_stage("offset")}))
-    rows += [(TORSO, f"{f:g} times", {"params": {TORSO: f * values[TORSO]}}) for f in (0.9, 1.1)]
+    rows += [(name, f"{f:g} times", {"params": {name: f * values[name]}}) for name in TORSO for f in (0.9, 1.1)]
+    rows.append(("damping of the springs", AS_PRINTED, {"chains": springs_as_printed}))
     rows.append(("motor constants", "as table IV stands", {"chains": _constants_as_printed}))
     rows.append(("cables", RIGID, {"chains": rigid_cables}))
     # on machines that the search did not see: what was kept because it lasted there may not last anywhere else
@@ -216,9 +223,14 @@ def _right_cable(factor: float) -> Callable[[str], Any]:
 
 
 def _constants_as_printed(name: str) -> Any:
-    constants = {"left_leg_angle": 1.332, "right_leg_shape": 1.087}
     chain = torque_chain(name)
-    return chain.with_value("scale.factor", 1.0 / constants[name]) if name in constants else chain
+    return chain.with_value("scale.factor", 1.0 / TABLE_IV[name]) if name in TABLE_IV else chain
+
+
+def springs_as_printed(name: str) -> Chain:
+    """The drive with K_dB of its spring as table VI reads."""
+    chain, path = torque_chain(name), "spring.damping"
+    return chain.with_value(path, PRINTED_SPRING_DAMPING * SPRING_RATIO**2) if chain.find("spring") else chain
 
 
 def sensitivity(seconds: float, say: Callable[[str], None]) -> list[Change]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...actuators import Chain, Drivetrain, load_chain
 from ...actuators.gravity import GRAVITY
-from ...envs.biped.drive import ANGLE, DRIVES, ENCODER, PULLEYS, RATIO, SHAPE, SPRING_RATIO, torque_chain
+from ...envs.biped.drive import ANGLE, DRIVES, ENCODER, RATIO, SHAPE, SPRING_RATIO, torque_chain
 from ...envs.biped.parameters import SIDES
 from ...envs.biped.robot import BIPED, coordinate, foot
 from .hopping import JOINT_TICKS, NAMES, Hopping, quantised
@@ -51,10 +51,9 @@ def _read(values: np.ndarray, ticks: float, rng: np.random.Generator) -> np.ndar
 def pulleys_record(name: str, combination: int, rng: np.random.Generator, command: np.ndarray | None = None) -> Record:
     """Motor ``name`` with the first, second or third combination of pulleys (0 to 2), under a chirp or ``command``."""
     drive = DRIVES[name]
-    inertia = drive.inertia_factor * drive.rotor_inertia + PULLEYS[drive.kind][combination]
     chain = load_chain(
         [
-            {"torque_command": {"armature": inertia}},
+            {"torque_command": {"armature": drive.lumped_inertia[combination] / drive.motor_constant}},
             {"offset": {"value": drive.bias}},
             {"scale": {"factor": 1.0 / drive.motor_constant}},
             {"friction": {"viscous": drive.lumped_friction[combination] / drive.motor_constant}},

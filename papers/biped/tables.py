@@ -117,9 +117,7 @@ def input_rows() -> list[Row]:
             "friction with the legs on over that without, the least of four", "V-C, table V", "larger",
             f"{min(grows):.3f}", "predicted", agrees=min(grows) > 1.0, judged="larger or not",
             rests=("order_of_table_IV",),
-            rival=Otherwise(
-                "motor constants in the order of table IV", f"{min(as_it_stands):.3f}", min(as_it_stands) > 1.0
-            ),
+            sensitivity=(Otherwise("motor constants in the order of table IV", f"{min(as_it_stands):.3f}"),),
         ),
         Row(
             "friction with the legs on over that without, the most of four", "V-C, table V", "not greatly different",

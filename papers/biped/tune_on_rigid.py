@@ -14,17 +14,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...common.errors import SealegsError
+from .choices import DRAWN_FROM, DRAWS
 from .controller import Gait
-from .hopping import HoppingExperiment, rigid_cables
+from .hopping import STEADY, HoppingExperiment, rigid_cables
 from .paper import SUBSTEPS
 
-SEED, DRAWS = 1, 74
 LEAN = (-0.02, 0.25)  # [rad]
 GAINS, DAMPINGS = ((15.0, 90.0), (4.0, 25.0)), ((1.0, 10.0), (0.03, 0.6))  # [N.m/rad], [N.m.s/rad] of angle and shape
-FIRST, LASTS = (5.0, 4), (30.0, 20)  # [s], and least hops within them
+FIRST, LASTS = (5.0, 4), (30.0, STEADY)  # [s], and least hops within them
 
 
-def drawn(seed: int = SEED, draws: int = DRAWS) -> Iterator[Gait]:
+def drawn(seed: int = DRAWN_FROM, draws: int = DRAWS) -> Iterator[Gait]:
     """Random controllers; numbers of three digits, gains and dampings evenly on a logarithmic scale."""
     rng = np.random.default_rng(seed)
 

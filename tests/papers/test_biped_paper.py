@@ -43,6 +43,7 @@ from testbed import biped_drive as plant
 from tests.typed import typed
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+IMPACT, ENERGY = validation.Impact(1.0, 2.0), validation.Energy(4.0, 16.0)
 MOTOR = {"constant": 1.21, "inertia": 1.05e-3, "friction": 8e-3, "bias": -0.06}
 
 
@@ -282,7 +283,7 @@ def test_springs_keep_a_touchdown_from_the_rotors() -> None:
 @pytest.mark.long
 def test_which_foot_leaves_the_floor_first_is_counted() -> None:
     first = HoppingExperiment().run(3, 10.0)
-    rows = {row.name: row for row in validation.spring_rows(first, validation.Impact(1.0, 2.0))}
+    rows = {row.name: row for row in validation.spring_rows(first, IMPACT, (IMPACT, ENERGY))}
     told = str(rows["from phase III each of three phases can follow"].ours)
     assert sum(int(word) for word in re.findall(r"[0-9]+", told)) >= 2
 
@@ -428,7 +429,7 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
         Row(name, "", "stated", "", "fitted", agrees=True, judged="canned", rests=(*choices.HOPPING,))
         for name in (choices.LANDING, choices.HEALS, choices.SOLES, choices.ALIKE)
     ]
-    nothing = validation.Validated({}, {}, {}, {}, validation.Impact(1.0, 2.0))
+    nothing = validation.Validated({}, {}, {}, {}, IMPACT, (IMPACT, ENERGY))
     monkeypatch.setattr(validation, "validate", lambda *given: nothing)
     monkeypatch.setattr(validation, "rows", lambda *given: others)
     monkeypatch.setattr(report, "step_cells", lambda substeps: (str(substeps),) * 5)
@@ -441,7 +442,7 @@ def test_the_comparison_writes_numbers_and_pictures_and_never_over_old_ones(
     written = json.loads((out / "biped.json").read_text())
     assert written["hopping"]["hops"] >= 92
     unjudged = [row["name"] for row in written["rows"] if row["holds"] is None]
-    assert unjudged == [], "every printed number is judged"
+    assert unjudged == [f"right leg angle: {what}" for what in ("K_C [N.m/rad]", "K_dC [N.m.s/rad]")], "which are lost"
     rows = {row["name"]: row for row in written["rows"]}
     assert not rows["left leg angle: K_C [N.m/rad]"]["holds"], "ten percent more than planted"
     assert not rows["on cables that stretch they do not hop steadily"]["holds"], "they hop as on rigid ones"
@@ -456,11 +457,13 @@ def test_biases_are_negligible_and_the_torso_is_not_only_where_the_period_says_s
         return paper.Change(name, value, paper.Figures(40, fell, period, 0.01, 0.3, -0.1))
 
     chosen = ran(paper.CHOSEN, "", 0.8)
-    torso = [ran(paper.TORSO, "0.9 times", 0.7), ran(paper.TORSO, "1.1 times", math.nan, fell=True)]
+    mass, inertia = paper.TORSO
+    torso = [ran(mass, "0.9 times", 0.7), ran(mass, "1.1 times", math.nan, fell=True), ran(inertia, "0.9 times", 0.79)]
     rows = validation.carried_rows([chosen, ran(paper.NO_BIAS, "0", 0.81), *torso])
-    assert [row.holds for row in rows] == [True, True] and "40 hops, then a fall" in str(rows[1].ours)
-    rows = validation.carried_rows([chosen, ran(paper.NO_BIAS, "0", 0.95), ran(paper.TORSO, "0.9 times", 0.79)])
-    assert [row.holds for row in rows] == [False, False]
+    assert [row.holds for row in rows] == [True, True, False] and "40 hops, then a fall" in str(rows[1].ours)
+    torso = [ran(mass, "0.9 times", 0.79), ran(inertia, "0.9 times", 0.95)]
+    rows = validation.carried_rows([chosen, ran(paper.NO_BIAS, "0", 0.95), *torso])
+    assert [row.holds for row in rows] == [False, False, True]
     assert not validation.carried_rows([chosen])
 
 
@@ -478,6 +481,19 @@ def test_only_runs_that_end_count_as_hops_before_the_end() -> None:
     rows = report.rigid_rows([*rigid, *(paper.Change(paper.ON_RIGID, paper.STRETCHING, run) for run in runs)])
     assert rows[-1].ours == 5.0, "of 5, 3 and 7 hops; 43 and 44 go on"
     assert "2 of 5 do not end" in rows[-1].note
+
+
+def test_a_lost_number_is_not_judged_and_a_damaged_one_is_shown_as_it_stands() -> None:
+    rows = {row.name: row for row in report.identified_rows({name: canned(name) for name in DRIVES})}
+    lost, exchanged = rows["right leg angle: K_C [N.m/rad]"], rows["left leg angle: K_T"]
+    assert (lost.printed, lost.holds, lost.judged) == ("lost, taken as 3.5", None, "")
+    assert (exchanged.printed, exchanged.holds) == ("1.332, exchanged: 1.087", True)
+    assert set(report.DAMAGED) <= set(rows)
+
+
+def test_each_motor_alone_has_the_inertia_of_table_three() -> None:
+    record = rig.pulleys_record("left_leg_angle", 0, np.random.default_rng(1), chirp((0.1, 1.0), cycles=1))
+    assert fit_pulleys(record).inertia == pytest.approx(DRIVES["left_leg_angle"].lumped_inertia[0], rel=5e-3)
 
 
 def test_friction_with_the_legs_on_tells_the_order_of_the_motor_constants() -> None:

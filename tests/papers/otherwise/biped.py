@@ -33,7 +33,7 @@ EXPERIMENTS = paper.changes
 
 def few() -> list[tuple[str, str, dict[str, Any]]]:
     """Of all runs with another number those that a row's figure is made of, with one controller of each kind."""
-    wanted = [row for row in EXPERIMENTS() if row[0] in (paper.CHOSEN, paper.NO_BIAS, paper.TORSO)]
+    wanted = [row for row in EXPERIMENTS() if row[0] in (paper.CHOSEN, paper.NO_BIAS, *paper.TORSO)]
     return wanted + [row for row in EXPERIMENTS() if row[0] == paper.ON_RIGID][:3]
 
 
@@ -79,6 +79,7 @@ OTHERWISE: Mapping[str, Change] = {
     "lean": gait(torso=1.05 * CHOSEN.torso),
     "travel": gait(travel=1.2 * CHOSEN.travel),
     "gains_on_rigid": attribute(paper, "TUNED_ON_RIGID", choices.TUNED_ON_RIGID[1:]),
+    "steady": attribute(report, "STEADY", 1),
     "limits": gait(limits=(7.0, 14.0)),
     "start": attribute(hopping, "DROP", 0.06),
     "encoders": together(
