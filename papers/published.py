@@ -19,7 +19,8 @@ MARKS: Mapping[Mark, str] = {
     "fitted": "a number was chosen so that this comes out",
     "planted and recovered": "the simulation was built with the printed number, and a procedure found it again",
     "follows from the inputs": "arithmetic on printed numbers: nothing could make it come out otherwise",
-    "predicted": "nothing that it rests on was chosen to reach it; how far it hangs on what is assumed stands below",
+    "predicted": "nothing that it rests on was chosen to reach it; how far it hangs on what is assumed stands below "
+    "for some",
 }
 """What a row is, and what that means."""
 

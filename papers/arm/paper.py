@@ -32,6 +32,7 @@ SPRING = np.logspace(-2.0, 3.0, 11)  # k_r between rotor and link, likewise
 DAMPINGS = np.logspace(-5.0, 1.0, 13)  # c_r of one joint [N.m.s/rad]; the paper's range is not printed
 BASES = (1e-4, 1e-3, 1e-2, 1e-1)  # c_r of two joints beside which the third's is changed
 BESIDE = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # that third c_r
+SOFTEST = 0.01  # of table X's softest spring: a real joint is stiffer, assumed
 HIGHEST = 0.1  # [N.m.s/rad] the c_r1 for which c_r3 is drawn: the tool still follows the line
 STEPS = (0.001, 0.0005)  # [s] of arms with springs, to see what the step does
 SLOWER = 4.0  # times the paper's time of a slow motion

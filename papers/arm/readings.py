@@ -13,13 +13,14 @@ readings of the printed text do that, each on its own:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...envs.arm.parameters import without_rotors
-from ...envs.arm.tables import DAMPING, GEARS, JOINTS
+from ...envs.arm.tables import DAMPING, GEARS, JOINTS, TOOL
 from ...envs.arm.trajectory import Line
 from .axes import TABLE_I, Axes, printed_axes, simple_axes
 from .dynamics import NONE, Joints, Motion, Three, ideal_torques, open_loop
@@ -28,6 +29,8 @@ LATE = 0.75  # share of the time after which the vertical motion is compared: th
 PLAIN = "plain"
 """The first reading that was built, and the only one that was not sought because the paper says that z falls."""
 FALL = 1.0  # [mm] the paper's own mark (5.1): a fall beyond it counts
+ORDER = "c_r1 > c_r3 > c_r2"  # of the dampers by their effect, as 5.2 has it
+LIKE = 0.05  # of the tool's way: motions that are alike, assumed
 
 
 def gear_ratio() -> float:
@@ -115,6 +118,21 @@ class Outcome:
         return apart(self.motion, self.perfect)
 
     @property
+    def way(self) -> float:
+        """Between the tool's first and last place [mm]."""
+        return 1e3 * float(np.linalg.norm(np.subtract(TOOL[1], TOOL[0])))
+
+    @property
+    def like(self) -> bool:
+        """Whether the tool moves like that of the ideal arm."""
+        return self.motion.largest < LIKE * self.way
+
+    @property
+    def major(self) -> bool:
+        """Whether the dampers' effect is larger than that of all else."""
+        return self.by_dampers > self.perfect.largest
+
+    @property
     def order(self) -> str:
         """The joints' dampers by their effect, such as ``c_r3 > c_r1 > c_r2``."""
         if not any(self.reading.damping):
@@ -156,3 +174,49 @@ def fall(motion: Motion) -> tuple[float, float]:
     below = np.maximum.accumulate(height) - height
     lowest = int(below.argmax())
     return 1e3 * float(below[lowest]), float(motion.time[int(height[: lowest + 1].argmax())])
+
+
+def summary(found: Outcome) -> dict[str, Any]:
+    """What the final model does under a reading: deviations [mm], and what follows from it."""
+    return {
+        "reading": found.reading.text,
+        "largest": found.motion.largest,
+        "perfect": found.perfect.largest,
+        "dampers": found.by_dampers,
+        "falls": fall(found.motion)[0],
+        "late": late_rise(found.motion)[0],
+        "opposite": "yes" if found.opposite else "no",
+        "major": "yes" if found.major else "no",
+        "order": found.order,
+    }
+
+
+def statements(outcomes: Mapping[str, Outcome]) -> dict[str, str]:
+    """Names of the readings from which each statement of the text follows."""
+    follows: dict[str, Callable[[Outcome], bool]] = {
+        "opposite": lambda found: found.opposite,
+        "major": lambda found: found.major,
+        "order": lambda found: found.order == ORDER,
+        "like": lambda found: found.like,
+    }
+    return {
+        name: ", ".join(f"`{key}`" for key, found in outcomes.items() if holds(found))
+        for name, holds in follows.items()
+    }
+
+
+def reading_lines(outcomes: Mapping[str, Outcome]) -> list[str]:
+    """What the final model does under each reading, and which statements follow from it."""
+    lines = [
+        f"tool [mm] by reading of the final model; joint 1's gears have {gear_ratio():.2f}, squared "
+        f"{gear_ratio() ** 2:.0f}",
+        f"{'':15}{'misses':>8}{'perfect':>8}{'dampers':>8}{'z falls':>8}{'z late':>7}  {'opposite':9}"
+        f"{'dampers major':14}order of dampers",
+    ]
+    for name, outcome in outcomes.items():
+        o = summary(outcome)
+        lines.append(
+            f"{name:15}{o['largest']:8.1f}{o['perfect']:8.1f}{o['dampers']:8.1f}{o['falls']:8.1f}"
+            f"{o['late']:+7.1f}  {o['opposite']:9}{o['major']:14}{o['order']}"
+        )
+    return [*lines, *(f"  {name}: {item.reading.text}" for name, item in outcomes.items()), ""]

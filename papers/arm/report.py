@@ -16,8 +16,8 @@ from . import paper
 from .axes import beside_table_one, printed_axes
 from .choices import PAPER
 from .control import Robust
-from .readings import gear_ratio, late_rise
-from .rows import reading_lines, rows, summary
+from .readings import LIKE, gear_ratio, late_rise, reading_lines, statements, summary
+from .rows import rows
 
 
 def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
     results = paper.run(say)
     found = rows(results)
     tables = {
-        "readings": reading_lines(results),
+        "readings": reading_lines(results.outcomes),
         "damping": damping_table(results),
         "controllers": controller_table(results),
     }
@@ -52,9 +52,11 @@ def compare(out: Path, seconds: float = 5.0, say: Callable[[str], None] = print)
             "lean": beside_table_one(printed_axes())[0],
             "wanted": late_rise(results.outcomes["plain"].motion)[1],
             "ideal": 1e3 * results.ideal,
+            "like": 100.0 * LIKE,
             "steps": ", ".join(f"{mm:.3f} mm at {ms} ms" for ms, mm in results.steps.items()),
         },
         "readings": {name: summary(item) for name, item in results.outcomes.items()},
+        "statements": statements(results.outcomes),
         "stator_stiffness": {"N.m/rad": paper.STATOR.tolist(), "mm": results.stator.tolist()},
         "link_stiffness": {"N.m/rad": paper.SPRING.tolist(), "mm": results.spring.tolist()},
         "damping": {"N.m.s/rad": paper.DAMPINGS.tolist()}

@@ -44,12 +44,12 @@ class Model:
     Attributes:
         perturbation: the simplified one (28) to (30), or ``whole``, that of (25); None: none is compensated.
         friction: whether (16) is compensated; ``sliding``: its Coulomb and viscous parts alone.
-        inertia: whether the constant equivalent inertia is.
+        inertia: whether the constant equivalent inertia is; ``rotors``: the part of it that turns in motors and gears.
     """
 
     perturbation: Lines | Literal["whole"] | None
     friction: bool | Literal["sliding"]
-    inertia: bool = True
+    inertia: bool | Literal["rotors"] = True
 
 
 def paths(count: int, speed: tuple[float, float] = (0.05, 0.15), seed: int = 0) -> np.ndarray:
@@ -95,7 +95,8 @@ def advance_duty(
     k = constants(values)
     torque = np.zeros_like(q)
     if model.inertia:
-        torque += (rotors(values) + np.array([k.h, k.l, k.m])) * acceleration
+        links = 0.0 if model.inertia == "rotors" else np.array([k.h, k.l, k.m])
+        torque += (rotors(values) + links) * acceleration
     if model.perturbation == "whole":
         constant = np.array([k.h, k.l, k.m]) * acceleration
         torque += np.einsum("...ij,...j->...i", mass_matrix(k, q), acceleration) - constant

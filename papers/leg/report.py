@@ -13,10 +13,11 @@ from ...common.errors import SealegsError
 from ...envs.leg.parameters import NUMBERS
 from ...envs.leg.robot import chains_of
 from .choices import PAPER
-from .paper import LINES, OWN_SPEED, SEEDS, SPEEDS, Analysis, against_engine, draws
+from .paper import FIGURE_7, LINES, OWN_SPEED, SEEDS, SPEEDS, Analysis, against_engine, draws
 from .rows import (
     actuator_rows,
     coriolis_rows,
+    crossing,
     gearing_rows,
     mechanical_rows,
     share_lines,
@@ -28,7 +29,7 @@ from .table_rows import equation_rows, motor_rows, table_rows
 from .tracking import IDEAL, PID, control_rows, controllers, search_lines, search_on, tracking_lines
 from .tuning import OTHER_SECONDS, other_paths
 
-DRAWN_AT = (0.3, OWN_SPEED)  # [m/s] speeds at which the lines are drawn again
+DRAWN_AT = (FIGURE_7, OWN_SPEED)  # [m/s] speeds at which the lines are drawn again
 EVALUATIONS = 140  # of the search that goes on from the PID's gains
 
 
@@ -56,6 +57,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
     own = found[OWN_SPEED]
     say(f"{SEEDS} draws of the lines")
     by_seed = {speed: draws(analysis, speed, LINES, SEEDS) for speed in DRAWN_AT}
+    slanted = draws(analysis, OWN_SPEED, LINES, SEEDS, horizontal=False)
     say("symbols beside MuJoCo")
     gaps = against_engine()
     followed = min(seconds, OTHER_SECONDS)
@@ -68,8 +70,8 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
         *motor_rows(),
         *equation_rows(analysis, gaps),
         *speed_rows(analysis),
-        *gearing_rows(found, by_seed[OWN_SPEED]),
-        *coriolis_rows(sweeps, by_seed),
+        *gearing_rows(found, by_seed[OWN_SPEED], slanted),
+        *coriolis_rows(sweeps, by_seed, slanted),
         *mechanical_rows(own),
         *actuator_rows(analysis, own, sweeps),
         *control_rows(tracking),
@@ -83,6 +85,7 @@ def compare(out: Path, seconds: float = 3.0, say: Callable[[str], None] = print)
         **PAPER.document(rows),
         "tables": {name: "\n".join(text).rstrip() for name, text in tables.items()},
         "figures": {
+            "crossing": crossing(sweeps),
             "ideal": tracking[IDEAL]["rms"] / tracking[PID]["rms"],
             "beyond": tracking[PID]["beyond"],
             "paths": len(other_paths()),

@@ -11,14 +11,16 @@ from ...envs.leg.kinematics import foot, jacobian
 from ...envs.leg.parameters import LINKS, MOMENTS
 from ...envs.leg.robot import JOINTS, LEG, chains_of
 from ..published import Mark, Otherwise, Row, half_digit
+from .choices import SIGN
 from .dynamics import TABLE_VII, constants, coriolis, gravity, mass_matrix, printed_coriolis, printed_gravity
 from .paper import Analysis, peak
 
 B_M = {"joint_1": 1.77e-4, "joint_2": 9.14e-4, "joint_3": 3.0e-4}  # [N.m.s/rad] table V
-FREQUENCIES = {"joint_1": (3.5e-3,), "joint_2": (3.5e-3, 0.071, 1.0), "joint_3": (3.5e-3, 0.071, 1.0)}
-"""omega of tables II to IV, per radian of the motor."""
-PERIODS = ("of the joint", "of the planetary gear", "of the motor")
-EXACT = 1e-9
+FREQUENCIES = {"joint_1": (3.5e-3,), "joint_2": (3.5e-3, 0.071), "joint_3": (3.5e-3, 0.071)}
+"""omega_1 and omega_2 of tables II to IV, per radian of the motor."""
+PERIODS = ("of the joint", "of the planetary gear")
+GAP = 1e-9  # over the largest size: rounding
+TENSOR = "table I's products as tensor elements"
 INPUTS: Mark = "follows from the inputs"
 DECIMALS_I = {
     "mass": (2, 2, 2),
@@ -62,8 +64,8 @@ def table_rows() -> list[Row]:
         rows.append(
             Row(
                 key, "VII", value, ours[key], "fitted" if by_sign else INPUTS, within=left[key],
-                judged="half a digit of tables I and VII", rests=("sign of products",) if by_sign else (),
-                sensitivity=(Otherwise("table I's products as tensor elements", tensors[key]),) if by_sign else (),
+                judged="half a digit of tables I and VII", rests=(SIGN,) if by_sign else (),
+                sensitivity=(Otherwise(TENSOR, tensors[key]),) if by_sign else (),
             )
         )  # fmt: skip
     lengths = [1e3 * LEG.parameters()[f"link{link}_length"] for link in LINKS]
@@ -80,8 +82,8 @@ def table_rows() -> list[Row]:
     rows.append(
         Row(
             "links of table I that can exist", "I", "1, 2, 3", ", ".join(map(str, exist[1.0])), "predicted",
-            agrees=exist[1.0] == list(LINKS), judged="positive second moments", rests=("sign of products",),
-            sensitivity=(Otherwise("products as tensor elements", ", ".join(map(str, exist[-1.0]))),),
+            agrees=exist[1.0] == list(LINKS), judged="positive second moments", rests=(SIGN,),
+            sensitivity=(Otherwise(TENSOR, ", ".join(map(str, exist[-1.0]))),),
             note="the paper read the products of a tensor as integrals of x y: masses cannot be laid out so",
         )
     )  # fmt: skip
@@ -114,13 +116,12 @@ def motor_rows() -> list[Row]:
     )  # fmt: skip
     for j, (name, frequencies) in enumerate(FREQUENCIES.items(), 1):
         planetary, skew = values[f"planetary{j}_gear"], values[f"skew{j}_gear"]
-        turns = (1.0 / (planetary * skew), 1.0 / planetary, 1.0)
+        turns = (1.0 / (planetary * skew), 1.0 / planetary)
         for k, (value, ours) in enumerate(zip(frequencies, turns, strict=False)):
             rows.append(
                 Row(
                     f"omega_{k + 1} of {name} as one period a turn {PERIODS[k]}", "II to V", value, ours, INPUTS,
-                    within=half_digit(value, (4, 3, 0)[k]) if k < 2 else EXACT,
-                    judged="half a printed digit" if k < 2 else "exact", rests=(),
+                    within=half_digit(value, (4, 3)[k]), judged="half a printed digit", rests=(),
                     note="without effect: its amplitude is printed 0" if name == "joint_1" else "",
                 )
             )  # fmt: skip
@@ -129,41 +130,51 @@ def motor_rows() -> list[Row]:
 
 def equation_rows(analysis: Analysis, gaps: Mapping[str, float]) -> list[Row]:
     """Appendices A and B beside the engine, and to the letter."""
-    worst = max(gaps, key=lambda name: gaps[name])
-    whole, q = constants(LEG.parameters()), analysis.workspace(500)
-    omitted = {key: abs(float(value)) for key, value in vars(whole).items() if key.startswith(("sine", "side"))}
-    largest = max(omitted, key=lambda key: omitted[key])
+    q = analysis.workspace(500)
+    other = Analysis({"product_sign": -analysis.values["product_sign"]})
     speed = np.random.default_rng(0).uniform(-1.0, 1.0, q.shape)
-    turning = coriolis(analysis.constants, q, speed)
-    weight = gravity(analysis.constants, q)
     step = 1e-6 * np.eye(3)
     numeric = np.stack([(foot(analysis.values, q + d) - foot(analysis.values, q - d)) / 2e-6 for d in step], axis=-1)
     off = float(np.abs(numeric - jacobian(analysis.values, q)).max())
     least = float(np.linalg.eigvalsh(mass_matrix(analysis.constants, q)).min())
+    omitted, signed = left_out(analysis), left_out(other)
+    largest, largest_signed = (max(terms, key=lambda key, terms=terms: terms[key]) for terms in (omitted, signed))
+    left = open_digits()
+    loosest = max(left, key=lambda key: left[key])
+    limit = f"{left[loosest]:.1%}, what the digits of tables I and VII leave open in {loosest}, the loosest constant"
 
-    def letter(name: str, where: str, ours: np.ndarray, theirs: np.ndarray, columns: slice, note: str) -> Row:
-        gap = float((peak(ours - theirs)[columns] / peak(ours)[columns]).max())
-        limit = float(max(open_digits().values()))
-        return Row(
-            name, where, "alike", f"{gap:.2%} of the maximum", INPUTS, agrees=gap <= limit,
-            judged=f"{limit:.1%}, what the digits of tables I and VII leave open", rests=(), note=note,
-        )  # fmt: skip
+    def turning(of: Analysis) -> float:
+        return _gap(coriolis(of.constants, q, speed), printed_coriolis(TABLE_VII, q, speed))
 
+    weight = _gap(gravity(analysis.constants, q)[:, 1:], printed_gravity(TABLE_VII, q)[:, 1:])
     return [
-        Row("equations of motion in symbols and in MuJoCo", "B", "alike", f"{gaps[worst]:.1e} of the maximum ({worst})",
-            INPUTS, agrees=gaps[worst] < 1e-9, judged="rounding", rests=(),
-            note="with the terms that (36) leaves out"),
-        Row("terms left out of (36)", "B.1", "under 1e-4", f"up to {omitted[largest]:.1e} kg.m2 ({largest})", INPUTS,
-            agrees=omitted[largest] < 1e-4, judged="the printed limit", rests=(),
+        Row("equations of motion in symbols and in MuJoCo", "B", "alike", f"within {GAP:g} of the maximum"
+            if max(gaps.values()) < GAP else f"{max(gaps.values()):.1e} of the maximum", INPUTS,
+            agrees=max(gaps.values()) < GAP, judged="rounding", rests=(), note="with the terms that (36) leaves out"),
+        Row("terms left out of (36)", "B.1", "under 1e-4", f"up to {omitted[largest]:.1e} kg.m2 ({largest})",
+            "predicted", agrees=omitted[largest] < 1e-4, judged="the printed limit", rests=(SIGN,),
+            sensitivity=(Otherwise(TENSOR, f"up to {signed[largest_signed]:.1e} kg.m2 ({largest_signed})"),),
             note=f"{sum(value >= 1e-4 for value in omitted.values())} of {len(omitted)} are larger"),
-        letter("(40) to the letter, and the Christoffel symbols of (36)", "(40)", turning,
-               printed_coriolis(TABLE_VII, q, speed), slice(0, 3),
-               "h112 lacks b cos(q2) and has g where -2 e belongs; h211 lacks b/2 cos(q2): all of them small"),
-        letter("(42) to the letter, and the slope of the potential", "(42)", weight, printed_gravity(TABLE_VII, q),
-               slice(1, 3), "g_2 lacks x sin(q2 + q3)"),
+        Row("(40) to the letter, and the Christoffel symbols of (36)", "(40)", "alike",
+            f"{turning(analysis):.2%} of the maximum", "predicted", agrees=turning(analysis) <= left[loosest],
+            judged=limit, rests=(SIGN,), sensitivity=(Otherwise(TENSOR, f"{turning(other):.2%} of the maximum"),),
+            note="h112 lacks b cos(q2) and has g where -2 e belongs; h211 lacks b/2 cos(q2): all of them small"),
+        Row("(42) to the letter, and the slope of the potential", "(42)", "alike", f"{weight:.2%} of the maximum",
+            INPUTS, agrees=weight <= left[loosest], judged=limit, rests=(), note="g_2 lacks x sin(q2 + q3)"),
         Row("the mass matrix is positive definite, over the workspace", "2.1", "stated",
             f"least eigenvalue {least:.4f} kg.m2", "predicted", agrees=least > 0.0, judged="positive or not",
-            rests=("sign of products",)),
+            rests=(SIGN,)),
         Row("Jacobian (34), and differences of the foot", "(34)", "alike", f"within {off:.0e} m", INPUTS,
             agrees=off < 1e-8, judged="rounding", rests=()),
     ]  # fmt: skip
+
+
+def left_out(analysis: Analysis) -> dict[str, float]:
+    """Size of each term that (36) leaves out [kg.m2]."""
+    whole = vars(constants(analysis.values))
+    return {key: abs(float(value)) for key, value in whole.items() if key.startswith(("sine", "side"))}
+
+
+def _gap(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Largest difference of two torques over the largest size of each column."""
+    return float((peak(ours - theirs) / peak(ours)).max())

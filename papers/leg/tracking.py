@@ -69,7 +69,7 @@ def controllers(analysis: Analysis, seconds: float) -> dict[str, dict[str, Any]]
         WITH: (direct, Model(lines, friction=True)),
         SLIDING: (direct, Model(lines, friction="sliding")),
         WHOLE: (direct, Model("whole", friction=True)),
-        MASSLESS: (direct, Model(None, friction=True, inertia=False)),
+        MASSLESS: (direct, Model(None, friction=True, inertia="rotors")),
         SLICK + PD: (slick, None),
         SLICK + WITHOUT: (slick, Model(lines, friction=False)),
     }

@@ -40,7 +40,7 @@ from sealegs.papers.arm.dynamics import (
 )
 from sealegs.papers.arm.paper import mark
 from sealegs.papers.arm.readings import PLAIN, fall, gear_ratio, late_rise, outcome, readings, referred
-from sealegs.papers.arm.rows import _ranged, extent, kinematic_rows, stiffness_rows
+from sealegs.papers.arm.rows import _counted, _ranged, extent, kinematic_rows, start_rows, stiffness_rows
 
 # --- tables and kinematics -------------------------------------------------------------------------------------------
 
@@ -190,6 +190,20 @@ def test_each_of_three_readings_makes_z_fall_and_all_at_once_do_not() -> None:
 def test_a_statement_that_holds_in_part_of_its_range_is_missed() -> None:
     found = [_ranged("c_r", "5.2", "lower", holds, (1.0, 2.0), ()).holds for holds in ([True, True], [True, False])]
     assert found == [True, False]
+
+
+@pytest.mark.parametrize(("held", "agrees"), [([True, True], True), ([True, False], None), ([False, False], False)])
+def test_a_statement_whose_values_are_not_printed_is_judged_only_where_all_agree_or_none(
+    held: list[bool], agrees: bool | None
+) -> None:
+    row = _counted("c_r", "5.2", "lower", {0.1: held, 1.0: held}, ())
+    assert row.holds is agrees and f"beside 0.1 with {sum(held)} of 2" in str(row.ours)
+
+
+def test_joints_that_do_not_start_at_rest_are_a_miss() -> None:
+    assert {row.name: row.holds for row in start_rows()}[
+        "all velocities and accelerations start and end at rest"
+    ] is False
 
 
 def test_readings_that_were_sought_are_chosen_numbers_of_the_row_that_they_reach() -> None:
