@@ -79,7 +79,7 @@ def bench_rows() -> list[Row]:
     chains = (load_chain(LINEAR), constant_as_friction(load_chain(LINEAR)))
     line, friction = (fit_regression(measure_bench(chain, Protocol(), quiet, 0)) for chain in chains)
     spurious = {
-        f"{share:.1%} of the measurements wrong by {Noise.spurious_torque:g} N.m": fit_regression(
+        f"{share:.1%} of the measurements wrong by {quiet.spurious_torque:g} N.m": fit_regression(
             measure_bench(chains[1], Protocol(), Noise(spurious=share), 0)
         )
         for share in SPURIOUS
