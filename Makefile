@@ -39,7 +39,7 @@ test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the t
 	@$(MAKE) --no-print-directory types
 	$(PYTEST) --durations=80 -m "long and not weekly"
 
-test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out; SHARE=0/4: a quarter of them
+test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out; SHARE=0/8: an eighth of them
 	$(PYTEST) -m weekly $(if $(SHARE),--share $(SHARE))
 
 lint: $(INSTALLED) $(LINKS) ## ruff, layers of imports, pyright
