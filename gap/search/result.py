@@ -72,7 +72,8 @@ def among_rivals(accepted: Sequence[Candidate], rounds: Sequence[Round]) -> tupl
         rounds: of the search.
     """
     keys, found = {candidate.cause.key for candidate in accepted}, []
-    for candidate, step in zip(accepted, [r for r in rounds if r.accepted], strict=True):
+    won = [step for step in rounds if step.accepted]  # one more, where numbers failed once it was decided
+    for candidate, step in zip(accepted, won, strict=False):
         others = [c for c in step.candidates if c.cause.key != candidate.cause.key]
         left = candidate.best + sum(c.best for c in others if c.cause.key not in keys)
         found.append(replace(candidate, best=candidate.best / left if left > 0.0 else 0.0))

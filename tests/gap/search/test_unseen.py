@@ -293,6 +293,7 @@ def test_a_cause_is_as_sure_as_it_wins_where_none_wins_that_is_named_beside_it()
     accepted = tuple(step.candidates[0] for step in rounds)
     assert [c.best for c in among_rivals(accepted, rounds)] == pytest.approx([0.75, 0.9])
     assert [c.best for c in among_rivals(accepted[:1], rounds[:1])] == pytest.approx([0.6])
+    assert [c.best for c in among_rivals(accepted[:1], rounds)] == pytest.approx([0.6]), "numbers failed in the second"
 
 
 @pytest.mark.parametrize(
