@@ -193,7 +193,8 @@ def test_bristles_give_back_no_more_than_they_stored_up_to_the_bound_and_do_beyo
     assert lost(1.1 * bound) < 0.0
 
 
-@pytest.mark.long
+@pytest.mark.weekly
+@pytest.mark.timeout(1800)
 def test_evaluate_writes_numbers_and_pictures_and_never_over_old_ones(tmp_path: Path) -> None:
     out = tmp_path / "comparison"
     first = _evaluate(f"out={out}", "seconds=1")
