@@ -96,7 +96,8 @@ def kept_of(diagnoses: Sequence[JointDiagnosis]) -> str:
     rows = [
         f"{cause.name} of '{one.joint}' (confidence {cause.confidence:.0%})"
         for one in diagnoses
-        for cause in {cause.name: cause for cause in doubted_encoders(one).values()}.values()
+        for cause in one.causes
+        if cause in doubted_encoders(one).values()
     ]
     return f"{KEPT}: {', '.join(rows)}." if rows else ""
 
