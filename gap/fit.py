@@ -66,7 +66,7 @@ class Fitted:
 
 def fit(
     log: str | Path | InMemory,
-    parameters: Sequence[str] | Mapping[str, Bounds],
+    parameters: str | Sequence[str] | Mapping[str, Bounds],
     *,
     joint: str | None = None,
     sidecar: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
@@ -104,6 +104,8 @@ def fit(
         from .log.arrays import measured_set
 
         data = measured_set(log, sidecar)
+    if isinstance(parameters, str):
+        parameters = [parameters]
     known = commanded(data.runs)
     if joint is None and len(known) != 1:
         raise SealegsError(f"the log commands {', '.join(known)}: say which with joint=.")

@@ -187,6 +187,7 @@ def test_a_long_log_that_is_there_as_parquet_is_there(tmp_path: Path) -> None:
     ("sidecar", "sentence"),
     [
         (BENCH | {"robot": "benchh"}, r"robot 'benchh' \(did you mean 'bench'\?\)"),
+        ({"robot": "nosuch.yaml"}, r"run1: there is no robot's file nosuch\.yaml; correct the key robot"),
         (BENCH | {"robot": "my_bench"}, r"robot_params are of a bench or of a robot's file, and the robot is my_bench"),
         (BENCH | {"robot_params": {"mas": 0.5, "length": 0.1}}, r"robot_params\.mas .*\(did you mean 'mass'\?\)"),
         (
@@ -207,8 +208,9 @@ def test_a_machine_that_there_is_not_is_told_before_anything_is_written(
 def test_a_robot_of_ones_own_needs_no_file(tmp_path: Path) -> None:
     for k, robot in enumerate(("so101", "arm2", "Testrig")):
         sidecar = {"robot": robot, "actuators": {"joint": "ideal"}}
-        import_logs(runs(tmp_path / "in", "run1"), tmp_path / f"out{k}", Mapping(COLUMNS, sidecar=sidecar))
+        done = import_logs(runs(tmp_path / "in", "run1"), tmp_path / f"out{k}", Mapping(COLUMNS, sidecar=sidecar))
         assert read_measured(tmp_path / f"out{k}").runs[0].robot == robot
+        assert done.unmodelled == robot  # and the import says what that costs
 
 
 # --- registers with a bit for their sign -----------------------------------------------------------------------------

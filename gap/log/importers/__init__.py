@@ -26,7 +26,7 @@ from .positions import PERCENT
 from .proposal import Proposal, propose
 from .readers import read_recordings, read_source
 from .recording import FEWEST_RECORDED, Recording
-from .robot import Robot, asked_robot, robot_of
+from .robot import Robot, asked_robot, has_model, robot_of
 from .show import proposal_text
 from .sidecars import (
     answered,
@@ -86,6 +86,7 @@ class Imported:
         left: recordings that were not imported, with the reason.
         sidecar: of the folder.
         far: sentences on columns far outside the range of their joint.
+        unmodelled: word for a robot that names no model, empty where there is one.
     """
 
     files: tuple[Path, ...]
@@ -93,6 +94,7 @@ class Imported:
     left: tuple[str, ...]
     sidecar: Path
     far: tuple[str, ...] = ()
+    unmodelled: str = ""
 
 
 def propose_for(
@@ -230,6 +232,7 @@ def import_logs(
     check_machine(whole, runs)
     machine = robot_of(whole[0].robot, out)
     for run in whole:
+        robot_of(run.robot, out).check_file(run.name)
         machine.check_joints(run.name, run.joints)
     far = machine.far(
         (name, values)
@@ -250,7 +253,8 @@ def import_logs(
     for run, content in zip(runs, own, strict=True):
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
         files.append(there.get(run.name) or write_run(run, out, format, text))
-    return Imported(tuple(files), tuple(missing), tuple(left), sidecar, far)
+    unmodelled = next((run.robot for run in whole if run.robot and not has_model(run.robot)), "")
+    return Imported(tuple(files), tuple(missing), tuple(left), sidecar, far, unmodelled)
 
 
 def _there(runs: Sequence[MeasuredRun], own: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:

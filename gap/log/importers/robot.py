@@ -14,7 +14,7 @@ import numpy as np
 from ....actuators.stages.controller import UNLIMITED
 from ....common.errors import nearest
 from ....envs.described.robot_file import RobotFile, is_robot_file, load_robot_file
-from ....envs.robots import get_robot
+from ....envs.robots import ROBOTS, get_robot
 from ..types import Array, LogError
 from .positions import PERCENT
 
@@ -68,6 +68,15 @@ class Robot:
                 low, high = sorted(factor * end for end in ranges[name][:2])
                 own[joint.name] = (low, high, joint.kind)
         return own
+
+    def check_file(self, run: str) -> None:
+        """Refuse a file that is not there.
+
+        Raises:
+            LogError: the word is a file's, and there is no such file.
+        """
+        if is_robot_file(self.word) and self.file is None:
+            raise LogError(f"{run}: there is no robot's file {self.word}; correct the key robot.")
 
     def check_joints(self, run: str, joints: Iterable[str]) -> None:
         """Refuse joints that the file does not have.
@@ -128,6 +137,11 @@ def robot_of(word: str | None, out: Path) -> Robot:
     paths = (Path(word), Path(os.path.normpath(out / word)))
     path = next((path for path in paths if os.path.isfile(path)), None)
     return Robot(word, load_robot_file(path) if path else None)
+
+
+def has_model(word: str) -> bool:
+    """Whether a word is a robot's of the collection or a file's; a word of one's own names no model."""
+    return word in ROBOTS or is_robot_file(word)
 
 
 def asked_robot(word: str | None, out: Path) -> Robot:

@@ -29,7 +29,7 @@ from .positions import PERCENT
 from .proposal import Proposal
 from .readers import read_source
 from .recording import Recording
-from .robot import asked_robot
+from .robot import asked_robot, has_model
 
 BENCH = "bench"
 MISSPELT_LIKENESS = 0.8
@@ -245,7 +245,7 @@ def check_machine(whole: Sequence[MeasuredRun], runs: Sequence[MeasuredRun]) -> 
         SealegsError: one of them is none; the message names what may be meant.
     """
     for run in whole:
-        own = bool(run.robot) and run.robot not in ROBOTS and not is_robot_file(run.robot)
+        own = bool(run.robot) and not has_model(run.robot)
         meant = nearest(run.robot, ROBOTS, MISSPELT_LIKENESS) if own and run.robot.isalpha() else ""
         if meant:
             raise LogError(f"{run.name}: there is no robot '{run.robot}'{meant}; correct the key robot.")
