@@ -16,6 +16,10 @@ from ..configs.compose import compose, override, split
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
 _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video", "wandb")
 _NAMED = ("resume", "env", "trust")  # which run, the file of its task, and whether its pickles may be loaded
+_WORDS = (
+    *("actuator", "env", "extended", "from", "hyperparams", "name", "out", "randomization", "resume", "robot", "wandb"),
+)
+_MODEL = ("actuator", "extended", "randomization")  # one of them given, none of an earlier run's counts
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,8 @@ class TrainConfig:
     ``actuator`` is the name or the path of a chain, its stages, one of these by joint, or None for the robot's own.
     ``env`` and ``agent`` hold the arguments of the environment and of the algorithm. ``extended`` is the diagnosis from
     which ``actuator`` and the robot's numbers in ``env`` came, or None. ``wandb`` is the project of Weights & Biases
-    that the curves go to, or None.
+    that the curves go to, or None. ``begun_from`` is the run or policy whose policy was there at the start, or None.
+    ``measured`` names arguments in ``env`` that were measured on the model, as the lead of a trajectory is.
     """
 
     env: dict[str, Any]
@@ -64,6 +69,8 @@ class TrainConfig:
     checkpoint: CheckpointConfig
     video: VideoConfig
     wandb: str | None = None
+    begun_from: str | None = None
+    measured: list[str] = dataclasses.field(default_factory=list)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain form, as it is written to ``config.yaml``."""
@@ -95,8 +102,7 @@ def read_config(arguments: Sequence[str]) -> Request:
     Raises:
         SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
     """
-    words = ("actuator", "env", "extended", "hyperparams", "name", "out", "randomization", "resume", "robot", "wandb")
-    pairs = split(arguments, plain=words)
+    pairs = split(arguments, plain=_WORDS)
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
         own = override({"resume": "", "env": None, "trust": False}, {k: pairs.pop(k) for k in _NAMED if k in pairs})
@@ -109,10 +115,13 @@ def read_config(arguments: Sequence[str]) -> Request:
                 )
         task, trust = checked("env", own["env"], str | None), checked("trust", own["trust"], bool)
         return Request(None, Path(), None, Path(str(own["resume"])), overrides, task, trust)
-    if pairs.get("robot", "null") not in ("", "null"):  # a robot of one's own has the tasks that any robot has
-        pairs = {"env": "track", **pairs}
+    begins = pairs.get("from", "null") not in ("", "null")
+    if pairs.get("robot", "null") not in ("", "null") and not begins:
+        pairs = {"env": "track", **pairs}  # a robot of one's own has the tasks that any robot has
     of_agent = {key: pairs.pop(key) for key in list(pairs) if key.startswith("agent.") and "hyperparams" in pairs}
-    plain = _with_zoo(compose("train", pairs, extra_keys, {"env": _own_task}), pairs, of_agent)
+    composed = _of_run(pairs) if begins else compose("train", pairs, extra_keys, {"env": _own_task})
+    plain = _with_zoo(composed, pairs, of_agent)
+    plain["begun_from"] = checked("from", plain.pop("from"), str | None)
     robot = checked("robot", plain.pop("robot"), str | None)
     if robot is not None:
         plain["env"] = {**plain["env"], "robot": robot}
@@ -120,10 +129,36 @@ def read_config(arguments: Sequence[str]) -> Request:
     name = checked("name", plain.pop("name"), str | int | None)
     plain.pop("resume")
     if plain.pop("trust"):
-        raise SealegsError("trust= is for a run that is resumed: leave it out, or say which, resume=<run>.")
+        raise SealegsError("trust= is for a run that there is: leave it out, or say which, resume=<run>.")
     seeds, plain["seed"] = _seeds(plain.pop("seeds"), plain["seed"])
     plain = _extended(_drawn_from(plain))
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {}, seeds=seeds)
+
+
+def _of_run(pairs: Mapping[str, str]) -> dict[str, Any]:
+    """The config of a run that begins with what another one learnt: that one's, with the command line's keys on top.
+
+    Raises:
+        SealegsError: there is none, or a key would make another task or algorithm of it.
+    """
+    from .initial import stored_config
+
+    named = {key: value for key, value in pairs.items() if key in ("from", "env", "trust")}
+    own = override({"from": "", "env": None, "trust": False}, named)
+    folder, trust = Path(str(own["from"])), checked("trust", own["trust"], bool)
+    stored = stored_config(folder)
+    if "agent" in pairs:
+        raise SealegsError(f"{folder} was learnt by its own algorithm: leave agent= out; agent.<key>= can be given.")
+    env = _env_as_named(stored, str(folder), checked("env", own["env"], str | None), trust)
+    env = {key: value for key, value in env.items() if key not in stored.get("measured", ())}
+    if any(key in pairs for key in _MODEL):
+        numbers = () if stored.get("extended") is None else ("params",)  # they are of the diagnosis before
+        env = {key: value for key, value in env.items() if key not in numbers} | {"randomization": None}
+        stored = {**stored, "actuator": None, "extended": None}
+    kept = {key: value for key, value in stored.items() if key not in ("begun_from", "measured", "seed")}
+    base = {**compose("train", {}), **kept, "env": env, "from": str(folder.absolute())}
+    rest = {key: value for key, value in pairs.items() if key not in named}
+    return override(base, rest, extra_keys)
 
 
 def _with_zoo(plain: dict[str, Any], given: Mapping[str, str], of_agent: Mapping[str, str]) -> dict[str, Any]:
@@ -213,6 +248,15 @@ def with_overrides(
     Raises:
         SealegsError: as :func:`train_config`, or the run's task or callback is code that nobody named.
     """
+    env = _env_as_named(stored, where, task, trust)
+    return train_config(override({**stored, "env": env}, overrides))
+
+
+def _env_as_named(stored: Mapping[str, Any], where: str, task: str | None, trust: bool) -> dict[str, Any]:
+    """The environment of a stored config, none of whose code runs because the config names it.
+
+    Arguments and errors as of :func:`with_overrides`.
+    """
     from ..envs.any_robot.user import trained_in
 
     if "${" in json.dumps(stored, default=str):  # OmegaConf would fill in variables of the person's environment
@@ -224,7 +268,7 @@ def with_overrides(
         raise SealegsError(
             f"{where}: its config.yaml names {named[0]}, which is code: give trust=true if you trust it."
         )
-    return train_config(override({**stored, "env": env}, overrides))
+    return env
 
 
 def train_config(plain: Mapping[str, Any]) -> TrainConfig:
@@ -236,9 +280,8 @@ def train_config(plain: Mapping[str, Any]) -> TrainConfig:
     from .algorithms import checked_agent
     from .make_env import checked_env
 
-    values = _typed(
-        TrainConfig, {"extended": None, "wandb": None, **plain}, ""
-    )  # runs of earlier versions have no such key
+    later = {"extended": None, "wandb": None, "begun_from": None, "measured": []}  # than runs of earlier versions
+    values = _typed(TrainConfig, {**later, **plain}, "")
     config = TrainConfig(**values)
     return dataclasses.replace(config, env=checked_env(config.env), agent=checked_agent(config.agent))
 

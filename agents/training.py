@@ -34,6 +34,7 @@ from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluati
 from .config import Request, TrainConfig, with_overrides
 from .curves import WandbOutput, tensorboard_logger
 from .export import FILE, ExportError, write_onnx
+from .initial import take_over
 from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
 from .parts import callback
 from .policy_files import policy_of, policy_reward, policy_step, save_for_sb3, save_policy
@@ -107,11 +108,7 @@ class Session:
         self.env, self.from_step = env, model.num_timesteps
         self._not_exported = ""
         self.chains = chains(env.engine)
-        algorithm = config.agent["algorithm"]
-        wrappers = config.agent.get("wrappers", [])
-        self.description = {
-            "algorithm": algorithm, "env": config.env, "actuators": self.chains, "wrappers": wrappers, **_interface(env)
-        }  # fmt: skip
+        self.description = description_of(config, env)
         evaluate = config.evaluate
         eval_env = make_vec_env(
             config.env, self.chains, min(evaluate.episodes, 8), stream_seed(config.seed, _EVALUATION)
@@ -134,7 +131,7 @@ class Session:
         Its folder is created only after environment and learner exist, so wrong input leaves no folder.
         """
         model, env = new_learner(config, config.actuator)
-        config = replace(config, env={**config.env, **env.engine.fitted})
+        config = with_fitted(config, env)
         task = str(config.env["id"]).rpartition("/")[2].rpartition(":")[2].partition("-")[0].lower()
         robot = f"{Path(config.env['robot']).stem}-{task}" if "robot" in config.env else task
         actuator = "+".join(dict.fromkeys(chain.label.split()[0] for chain in env.engine.chains.values()))
@@ -360,11 +357,19 @@ def beside_reference(rewards: np.ndarray, reference: np.ndarray) -> str:
 
 
 def new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:
-    """A learner that has learnt nothing yet, and its simulations."""
+    """A learner at its start, with the policy of another where the config names one, and its simulations."""
     torch.set_num_threads(config.threads)
     seed = stream_seed(config.seed, _TRAINING)
     env = make_vec_env(config.env, actuator, config.n_envs, seed)
-    return build(config.agent, wrapped(env, config.agent, training=True), seed), env
+    model = build(config.agent, wrapped(env, config.agent, training=True), seed)
+    if config.begun_from is not None:
+        take_over(Path(config.begun_from), model, env.engine)
+    return model, env
+
+
+def with_fitted(config: TrainConfig, env: BatchVecEnv) -> TrainConfig:
+    """The config with the arguments of its environment that were measured on the model."""
+    return replace(config, env={**config.env, **env.engine.fitted}, measured=[*env.engine.fitted])
 
 
 def _own_task(config: TrainConfig) -> str | None:
@@ -386,10 +391,14 @@ def _unfinished(run: Path, config: TrainConfig, step: int) -> bool:
     return config.video.seconds > 0 and not (film.is_file() and film.stat().st_mtime >= final.stat().st_mtime)
 
 
-def _interface(env: BatchVecEnv) -> dict[str, Any]:
-    """Meaning of a policy's inputs and outputs."""
+def description_of(config: TrainConfig, env: BatchVecEnv) -> dict[str, Any]:
+    """What a policy was learnt in, and the meaning of its inputs and outputs, as ``policy.json`` has them."""
     engine = env.engine
     meaning = {
+        "algorithm": config.agent["algorithm"],
+        "env": config.env,
+        "actuators": chains(engine),
+        "wrappers": config.agent.get("wrappers", []),
         "control_rate": 1.0 / engine.dt,
         "observation_names": list(engine.task.observation_names()),
         "action_names": list(engine.action_names),

@@ -6,6 +6,7 @@
     sealegs train agent.learning_rate=lin_1e-3 n_envs=16 seed=3 name=first
     sealegs train seeds=5 name=mine                     five runs, their interquartile mean and its interval
     sealegs train resume=runs/first                     go on after a stop, a crash or a kill -9
+    sealegs train from=runs/first extended=diagnosis    begin with the policy of another run, on another model
     sealegs train resume=runs/first total_timesteps=2e6 go on for longer
     sealegs train resume=runs/mine env=mine.py:Mine     of a task in a file of one's own: it is run, so name it
 

@@ -6,7 +6,7 @@ import json
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,12 +15,18 @@ from ...common.atomic import write_text
 from ...common.documents import read_json
 from .machines import Hidden, publish, recorded, running
 
-NOMINAL, HAND, EVERY, EXTENDED, DRAWN, LIMIT = (
-    "nominal", "hand-made randomisation", "every number by 20 %", "extended", "extended, drawn", "limit",
-)  # fmt: skip
+if TYPE_CHECKING:
+    from ...agents.config import TrainConfig
+
+NOMINAL, HAND, EVERY = "nominal", "hand-made randomisation", "every number by 20 %"
+EXTENDED, DRAWN, SHORT, FINE = "extended", "extended, drawn", "extended, a fifth", "fine-tuned"
+LIMIT = "limit"
 REFERENCE, EXTENDED_REFERENCE = "reference", "extended reference"
-TREATMENTS = (NOMINAL, HAND, EVERY, EXTENDED, DRAWN, LIMIT)
-"""What a policy is trained on; ``limit`` is the machine itself."""
+TREATMENTS = (NOMINAL, HAND, EVERY, EXTENDED, DRAWN, SHORT, FINE, LIMIT)
+"""What a policy is trained on; ``limit`` is the machine itself. Two have a fifth of the steps on the extended model:
+``fine-tuned`` begins with the nominal policy, the other, beside it, with none."""
+FIFTH = 5
+"""By how much shorter a fine-tuning is than a training."""
 REFERENCES = (REFERENCE, EXTENDED_REFERENCE)
 """What needs no learning: the trajectory with the lead of the model as believed, and as diagnosed."""
 SCREENING = 1000
@@ -141,7 +147,7 @@ def model_of(treatment: str, folder: Path) -> list[str]:
     if treatment == EVERY:
         wide = (1.0 - WIDE, 1.0 + WIDE)
         return [f"randomization={json.dumps(_randomised(_every(folder, wide), wide, 0.0))}"]
-    if found and treatment in (EXTENDED, EXTENDED_REFERENCE):
+    if found and treatment in (EXTENDED, EXTENDED_REFERENCE, SHORT, FINE):
         return [f"extended={diagnosis}"]
     if found and treatment == DRAWN:
         return [f"randomization={diagnosis}"]
@@ -175,9 +181,10 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
 
     from ...agents.algorithms import build, wrapped
     from ...agents.config import read_config
+    from ...agents.initial import keep
     from ...agents.make_env import stream_seed
     from ...agents.policy_files import policy_of
-    from ...agents.training import new_learner
+    from ...agents.training import description_of, new_learner, with_fitted
     from ...envs.any_robot.track import TRIALS, TrackTask, measured_lead
     from ...envs.contract import task_of
     from ...envs.engine.sb3 import EngineVecEnv
@@ -188,14 +195,21 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
     words = ["env=track", f"robot={robot}", f"seed={cell.seed}", "video.seconds=0", "evaluate.every=0"]
     words += [f"total_timesteps={recipe.steps}"] if recipe.steps else []
     words += [f"n_envs={recipe.n_envs}"] if recipe.n_envs else []
-    config = read_config([*words, *recipe.arguments, *model_of(cell.treatment, folder)]).config
+    words += recipe.arguments
+    nominal = folder / f"nominal-{cell.seed}"
+    if cell.treatment == FINE:
+        if not nominal.is_dir():
+            _judged(replace(cell, treatment=NOMINAL), recipe, out)
+        words = [f"from={nominal}", f"seed={cell.seed}"]
+    config = read_config([*words, *model_of(cell.treatment, folder)]).config
     assert config is not None
-    steps = spec(config.env["id"]).max_episode_steps or 500
+    config = a_fifth(config) if cell.treatment in (SHORT, FINE) else config
+    steps, rate = spec(config.env["id"]).max_episode_steps or 500, config.env.get("control_rate")
     learns = cell.treatment in TREATMENTS
     torch.set_num_threads(1)
 
     def on_machine(task: Any, count: int, seed: int) -> PlantEngine:
-        dt = 1.0 / float(config.env.get("control_rate", task.control_rate))
+        dt = 1.0 / float(task.control_rate if rate is None else rate)
         engine = PlantEngine(task, running(cell.hidden, count, dt, seed), count, dt, steps)
         engine.seed(seed)
         return engine
@@ -211,11 +225,20 @@ def _judged(cell: Cell, recipe: Recipe, out: Path) -> tuple[np.ndarray, np.ndarr
         model = build(config.agent, wrapped(machine, config.agent, training=True), seed)
     else:
         model, env = new_learner(config, config.actuator)
-        task, _ = task_of(_plain({**config.env, **env.engine.fitted}))
+        config = with_fitted(config, env)
+        task, _ = task_of(_plain(config.env))
     if learns:
         model.learn(config.total_timesteps)
+    if cell.treatment == NOMINAL:
+        keep(nominal, config.as_dict(), model, description_of(config, env))
     act = policy_of(model) if learns else lambda seen: np.zeros((len(seen), len(task.action_names())))
     return on_plant(act, on_machine(task, recipe.episodes, STARTS))
+
+
+def a_fifth(config: TrainConfig) -> TrainConfig:
+    """The config of a training with a fifth of the steps, and as many updates from a fifth of the data each."""
+    shorter = {key: max(config.agent[key] // FIFTH, 1) for key in ("n_steps", "batch_size") if key in config.agent}
+    return replace(config, total_timesteps=config.total_timesteps // FIFTH, agent={**config.agent, **shorter})
 
 
 def _plain(env: dict[str, Any]) -> dict[str, Any]:

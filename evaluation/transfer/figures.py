@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import trim_mean
 
-from .cells import DRAWN, EVERY, EXTENDED, HAND, LIMIT, NOMINAL, REFERENCES, TREATMENTS
+from .cells import DRAWN, EVERY, EXTENDED, FINE, HAND, LIMIT, NOMINAL, REFERENCES, SHORT, TREATMENTS
 
 DRAWS = 2000
 SURE = 0.95
@@ -131,7 +131,7 @@ def table(
         if found is None:
             continue
         middle, low, high = found.share
-        tried = treatment in (EXTENDED, DRAWN)
+        tried = treatment in (EXTENDED, DRAWN, SHORT, FINE)
         cells = (
             treatment,
             f"{middle:.2f} ({low:.2f} to {high:.2f})",

@@ -21,7 +21,7 @@ from ...common.atomic import write_text
 from ...common.documents import read_json
 from ...common.errors import SealegsError
 from ...common.processes import exit_with_parent
-from .cells import LIMIT, NOMINAL, REFERENCES, SCREENING, TREATMENTS, Cell, Recipe, diagnosed, judged
+from .cells import FINE, LIMIT, NOMINAL, REFERENCES, SCREENING, TREATMENTS, Cell, Recipe, diagnosed, judged
 from .figures import Errors, errors_of, figures_of, table
 from .machines import Hidden, check_robot, hidden_in
 
@@ -88,7 +88,9 @@ def run(study: Study, out: Path, workers: int, say: Say) -> dict[str, Any]:
             for hidden in chosen
             for treatment in study.treatments
         ]
-        pool.all("training and judging", [partial(judged, cell, study.recipe, out) for cell in cells])
+        for late in (False, True):  # fine-tuning begins with the nominal policies
+            jobs = [partial(judged, cell, study.recipe, out) for cell in cells if (cell.treatment == FINE) == late]
+            pool.all("fine-tuning" if late else "training and judging", jobs)
     return tell(study, out, chosen, passed_over)
 
 

@@ -132,7 +132,7 @@ def test_a_small_study_goes_from_machines_to_a_table_and_goes_on_where_it_stoppe
     main(small)
     document = json.loads((out / "transfer.json").read_text())
     assert len(document["errors"]) == 2
-    assert all(len(own) == 8 for own in document["errors"].values()), "two references and six treatments"
+    assert all(len(own) == 10 for own in document["errors"].values()), "two references and eight treatments"
     assert (out / "bench.png").is_file()
     assert "| limit | 1.00" in (out / "transfer.md").read_text()
     cell = next((out / next(iter(document["errors"]))).glob("nominal-0.json"))
