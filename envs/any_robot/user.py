@@ -139,7 +139,9 @@ def trained_in(env: Mapping[str, Any], where: str, task: str | None, key: str = 
     """
     said = str(env.get("id"))
     if task is not None and not is_user_task(task):
-        raise SealegsError(f"{key}={task} is no task of your own; it is given as path/to/task.py:MyTask, and left out of a task of sealegs.")
+        raise SealegsError(
+            f"{key}={task} is no task of your own, given as path/to/task.py:MyTask; leave {key}= out for one of sealegs."
+        )
     if not is_user_task(said):
         if task is not None:
             raise SealegsError(f"{where} was trained in {said}, which comes with sealegs: leave {key}= out.")
