@@ -140,7 +140,7 @@ def trained_in(env: Mapping[str, Any], where: str, task: str | None, key: str = 
     said = str(env.get("id"))
     if task is not None and not is_user_task(task):
         raise SealegsError(
-            f"{key}={task} is no task of your own, given as path/to/task.py:MyTask; leave {key}= out for one of sealegs."
+            f"{key}={task} is no task of your own, which is path/to/task.py:MyTask; leave {key}= out for any other."
         )
     if not is_user_task(said):
         if task is not None:
