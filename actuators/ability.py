@@ -35,4 +35,6 @@ def stall_torque(chain: Chain) -> float:
         return abs(largest_duty(chain) * chain.value("regression.duty_torque")) * chain.gear_ratio()
     if chain.find("ideal") is not None and chain.value("ideal.torque_limit") < BOUNDLESS:
         return chain.value("ideal.torque_limit")
+    if chain.find("ideal_velocity") is not None and chain.value("ideal_velocity.torque_limit") < BOUNDLESS:
+        return chain.value("ideal_velocity.torque_limit")
     return math.inf

@@ -48,7 +48,7 @@ class Chain:
     label: str = "chain"
 
     def __post_init__(self) -> None:
-        quantity: Quantity = Quantity.POSITION_GOAL
+        quantity = self._told
         before = "the command"
         for stage in self.stages:
             if quantity not in stage.takes:
@@ -101,8 +101,8 @@ class Chain:
         if ordered != [stage.name for stage in self.stages]:
             return f"put it where it belongs in the order {' > '.join(ordered)}"
         return (
-            "a position goal becomes a duty in 'position_p', 'position_pd' or 'position_pi', a duty a voltage "
-            "in 'supply', a voltage a torque in 'dc_motor'; add what misses"
+            "a position goal becomes a duty in 'position_p', 'position_pd' or 'position_pi', a speed goal in "
+            "'velocity_pi', a duty a voltage in 'supply', a voltage a torque in 'dc_motor'; add what misses"
         )
 
     # --- reading -----------------------------------------------------------------------------------------------
@@ -113,13 +113,23 @@ class Chain:
 
     def quantity_before(self, stage: Stage) -> Quantity:
         """What travels into ``stage``."""
-        quantity: Quantity = Quantity.POSITION_GOAL
+        quantity = self._told
         for other in self.stages:
             if other is stage:
                 break
             if other.gives is not None:
                 quantity = other.gives
         return quantity
+
+    @property
+    def command(self) -> str:
+        """What the chain is told, as a column of a log: ``goal``, ``goal_velocity`` or ``torque_command``."""
+        return next((stage.command for stage in self.stages if stage.command), "goal")
+
+    @property
+    def _told(self) -> Quantity:
+        """What travels into the first stage; a commanded torque passes as goals do."""
+        return Quantity.SPEED_GOAL if self.command == "goal_velocity" else Quantity.POSITION_GOAL
 
     def impedance_drive(self) -> Any:
         """The 'ideal' stage that adds a commanded velocity and torque to its goal (MIT mode), or None."""
@@ -184,7 +194,7 @@ class Chain:
         """
         if (zero, sign) == (0.0, 1.0):
             return self
-        ratio, told_angles = self.gear_ratio(), self.find("torque_command") is None
+        ratio, told_angles = self.gear_ratio(), self.command == "goal"
         goals = [told_angles and self.quantity_before(item) == Quantity.POSITION_GOAL for item in self.stages]
         frames = [Frame(zero, sign, of_goals, ratio) for of_goals in goals]
         turned = (stage.turned(frame) for stage, frame in zip(self.stages, frames, strict=True))

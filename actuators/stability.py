@@ -30,6 +30,10 @@ def velocity_slope(chain: Chain, step: float) -> float:
     controller, encoder = chain.find("position_pd") or chain.find("position_pi"), chain.find("encoder")
     scale = encoder.scale if encoder is not None else 1.0
     damping = controller.damping * scale if controller is not None else 0.0  # duty per speed
+    if (speed_drive := chain.find("ideal_velocity")) is not None:
+        return speed_drive.damping * scale
+    if (speed_controller := chain.find("velocity_pi")) is not None:
+        damping = speed_controller.gain * scale
     if ideal is not None:
         return ideal.strength * ideal.damping * scale
     if regression is not None:
@@ -49,14 +53,20 @@ def position_slope(chain: Chain, step: float) -> float:
     """Torque that the law of a chain loses per position [N.m/rad], unsaturated, as felt within a ``step`` [s]."""
     motor, regression, ideal = chain.find("dc_motor"), chain.find("regression"), chain.find("ideal")
     controller = chain.find("position_p") or chain.find("position_pd") or chain.find("position_pi")
+    speed_controller = chain.find("velocity_pi")
     encoder = chain.find("encoder")
     scale = encoder.scale if encoder is not None else 1.0
     if ideal is not None:
         return ideal.strength * ideal.stiffness * scale
     # a digital controller oscillates by its own period, on the machine too: a shorter step mends nothing
-    if controller is None or controller.parameters().get("period"):
+    if controller is not None and controller.parameters().get("period"):
         return 0.0
-    gain = controller.gain * scale  # duty per position
+    if speed_controller is not None:
+        gain = speed_controller.integral * scale  # its integral holds a position
+    elif controller is not None:
+        gain = controller.gain * scale  # duty per position
+    else:
+        return 0.0
     if regression is not None:
         return gain * regression.duty_torque * chain.gear_ratio()
     supply = chain.find("supply")

@@ -33,7 +33,7 @@ def _torques(chain: Chain, zero: float, sign: float) -> np.ndarray:
     """Torque and limit of dry friction along the motion in a frame, with the drive on and off (2 STEPS, 4) [N.m]."""
     program = chain.program()
     state = np.zeros(int(program[P_STATE_SIZE]))
-    rows, told_angles = [], chain.find("torque_command") is None
+    rows, told_angles = [], chain.command == "goal"
     for k in range(2 * STEPS):
         time = 0.5 * k * STEP  # each step is evaluated at its start and in its middle
         goal = 0.3 * (time > 0.1) - 0.7 * (time > 0.3) + 0.4 * np.sin(9.0 * time) * (time > 0.5)

@@ -20,7 +20,7 @@ ENVIRONMENTS = {
 }
 """Robots with an environment, and the control steps of an episode."""
 
-TASKS = {"Track": 500, "Reach": 250, "Walk": 1000}
+TASKS = {"Track": 500, "Reach": 250, "Walk": 1000, "Drive": 500}
 """Tasks that any robot has, by its name or its file: ``robot=`` of their environments; and steps of an episode."""
 
 EARLIER: dict[str, tuple[dict[str, object], ...]] = {"Track": ({"correction": 0.0, "lead": 0.0},)}

@@ -30,6 +30,7 @@ class Quantity(StrEnum):
     """What travels between two stages."""
 
     POSITION_GOAL = "position goal [rad]"
+    SPEED_GOAL = "speed goal [rad/s]"
     DUTY = "duty [-1..1]"
     VOLTAGE = "voltage [V]"
     TORQUE = "torque [N.m]"
@@ -100,6 +101,7 @@ class Stage:
         switches: whether its output jumps, so that a simulation has to meet the moment.
         derived: numbers that its law reads behind its own fields; :meth:`law_values` gives them.
         law: None where the engine knows the stage natively or others read it.
+        command: column of a log that a chain with this stage is told; empty where the stage does not decide.
     """
 
     name: ClassVar[str]
@@ -111,6 +113,7 @@ class Stage:
     switches: ClassVar[bool] = False
     derived: ClassVar[tuple[str, ...]] = ()
     law: ClassVar[Law | None] = None
+    command: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         for key, metadata in _parameters_of(type(self)):

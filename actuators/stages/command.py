@@ -12,7 +12,8 @@ from .base import ChainError, Law, Quantity, Stage, parameter, register
 from .parity import ANGLE, EVEN, ODD
 
 EVENT = 3  # doubles of a remembered command: when it came, its value, changes since the event before it
-SIGNALS = (Quantity.POSITION_GOAL, Quantity.DUTY, Quantity.TORQUE)
+GOALS = (Quantity.POSITION_GOAL, Quantity.SPEED_GOAL)
+SIGNALS = (*GOALS, Quantity.DUTY, Quantity.TORQUE)
 
 
 @register
@@ -23,7 +24,7 @@ class Delay(Stage):
     name: ClassVar[str] = "delay"
     after: ClassVar[str] = ""
     derived: ClassVar[tuple[str, ...]] = ("spacing",)  # of remembered commands [s]
-    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    takes: ClassVar[tuple[Quantity, ...]] = GOALS
 
     seconds: float = parameter(
         None, "s", 0.0, 10.0, "time from sending a command to its effect", parity=EVEN, neutral=0.0
@@ -127,7 +128,7 @@ class GoalFilter(Stage):
     after: ClassVar[str] = "offset"
     switches: ClassVar[bool] = True  # a jump that it smooths drives the duty into its limit in the midst of a step
     derived: ClassVar[tuple[str, ...]] = ("kept",)  # of a jump of the goal, before the filter decays
-    takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
+    takes: ClassVar[tuple[Quantity, ...]] = GOALS
 
     time_constant: float = parameter(
         None, "s", 0.0, 10.0, "time in which it covers 63 % of a step", parity=EVEN, neutral=0.0
@@ -289,7 +290,13 @@ class DeadBand(Stage):
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
 
     width: float = parameter(
-        None, "rad, duty or N.m", 0.0, 10.0, "largest size ignored; larger ones pass whole", parity=EVEN, neutral=0.0
+        None,
+        "rad, rad/s, duty or N.m",
+        0.0,
+        10.0,
+        "largest size ignored; larger ones pass whole",
+        parity=EVEN,
+        neutral=0.0,
     )
 
     def law_values(self, chain: Any) -> dict[str, float]:
@@ -320,7 +327,7 @@ class Offset(Stage):
     repeats: ClassVar[bool] = True
     takes: ClassVar[tuple[Quantity, ...]] = SIGNALS
 
-    value: float = parameter(None, "rad, duty or N.m", -1e4, 1e4, "added to the signal", parity=ODD, neutral=0.0)
+    value: float = parameter(None, "rad, rad/s, duty or N.m", -1e4, 1e4, "added to the signal", parity=ODD, neutral=0.0)
 
 
 OFFSET = Offset.offsets()

@@ -212,6 +212,7 @@ class TorqueCommand(Stage):
     after: ClassVar[str] = "ideal"
     takes: ClassVar[tuple[Quantity, ...]] = (Quantity.POSITION_GOAL,)
     gives: ClassVar[Quantity | None] = Quantity.TORQUE
+    command: ClassVar[str] = "torque_command"
 
     armature: float = parameter(0.0, "kg.m2", 0.0, 1e3, "rotor inertia at the joint", parity=EVEN, in_law=False)
 

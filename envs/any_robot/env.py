@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..engine.single import SingleEnv
 from ..engine.vector import BatchVectorEnv
+from .drive import DriveTask
 from .reach import ReachTask
 from .track import TrackTask
 from .walk import WalkTask
@@ -203,3 +204,63 @@ class WalkEnv(SingleEnv, task=WalkTask):
 
 class WalkVectorEnv(BatchVectorEnv, task=WalkTask):
     """Many :class:`WalkEnv` side by side, with the same arguments."""
+
+
+class DriveEnv(SingleEnv, task=DriveTask):
+    r"""
+    ## Description
+    A robot on wheels drives as commanded: forward, turning, or it stands still. `robot` is a name (`rover`) or the file of
+    a robot with a free base, a floor, and wheels whose chains are told speeds (`velocity_pi`), as `sealegs new-robot`
+    writes it. The robot's forward is the world's x as it starts.
+
+    ## Action Space
+    The action space is a `Box(-1, 1, (k,), float32)`, for k driven joints in the order of the robot's file. An action
+    corrects the speeds with which wheels that do not slip would carry the robot as commanded: with action 0 it drives
+    already. Radius and place of each wheel are those of the model.
+
+    | Num      | Action                      | Min | Max | Correction at 1                  | Type (Unit)           |
+    |----------|-----------------------------|-----|-----|----------------------------------|-----------------------|
+    | 0 to k-1 | Correction of a speed goal  | -1  | 1   | `correction` x half of its range | speed (rad/s)         |
+
+    Joints that are no wheels keep their start; an action corrects it, as an angle (rad).
+
+    ## Observation Space
+    The observation space is a `Box(-Inf, Inf, (8 + 2 k,), float32)`: what servos and an IMU measure.
+
+    | Num         | Observation  | Source                                               | Unit       |
+    |-------------|--------------|------------------------------------------------------|------------|
+    | 0, 1        | command      | forward, turn                                        | m/s, rad/s |
+    | 2 to 4      | gravity      | its direction in the frame of the base               | -          |
+    | 5 to 7      | turn rate    | about the axes of the base                           | rad/s      |
+    | 8 to 7+k    | motor speed  | difference of the reading over the last control step | rad/s      |
+    | 8+k to 7+2k | last action  | memory                                               | -          |
+
+    ## Rewards
+    The reward is ***tracking + turn - smooth - energy***; `info` holds each term, and the flags `net_out_of_range` and
+    `unstable` (see `HopperEnv`). $v$ is the forward speed of the base, $\omega_z$ its turn about the vertical.
+
+    - *reward_tracking*: $w_{tracking} \exp(-(v - v_{cmd})^2 / tolerance^2)$.
+    - *reward_turn*: $w_{turn} \exp(-(\omega_z - \omega_{cmd})^2 / tolerance_{turn}^2)$.
+    - *reward_smooth*: $-w_{smooth}$ times the mean squared change of the action.
+    - *reward_energy*: $-w_{energy} \sum |\tau_j \omega_j|$ of the motors [W].
+
+    ## Starting State
+    The robot stands on its wheels, at rest. The command is uniform in its ranges; in a share `stand_share` of the episodes
+    it is 0. With `command_interval` above 0, a new one is drawn after so many seconds. Then `randomization` is drawn.
+
+    ## Episode End
+    ### Termination
+    The base tilts further than `healthy_tilt`; or the simulation is unstable.
+
+    ### Truncation
+    After 500 steps (10 s).
+
+    ## Arguments
+
+    ## Version History
+    * v0: initial version.
+    """  # noqa: E501
+
+
+class DriveVectorEnv(BatchVectorEnv, task=DriveTask):
+    """Many :class:`DriveEnv` side by side, with the same arguments."""

@@ -32,6 +32,7 @@ class Standing:
         soles: where each touches, in its body's frame (f, 3) [m].
         places: of the soles relative to the base (f, 2) [m].
         per_metre: change of the coordinates that moves a sole by a metre along x, y, z (f, 3, k) [rad/m or m/m].
+        per_turn: the same that turns a sole by a radian about the vertical (f, k); 0 of one that cannot stay level.
     """
 
     base: str
@@ -44,6 +45,7 @@ class Standing:
     soles: np.ndarray
     places: np.ndarray
     per_metre: np.ndarray
+    per_turn: np.ndarray
 
     @property
     def turns(self) -> np.ndarray:
@@ -123,6 +125,7 @@ def standing(robot: Robot) -> Standing:
             ends.append(where())
         rates[:, :, column] = (ends[0] - ends[1]) / (2.0 * STEP)
     height = float(-places[:, 2].mean())
+    ways = np.array([_inverse(rate, height) for rate in rates])
     return Standing(
         base=model.body(body).name,
         qpos=at,
@@ -133,15 +136,19 @@ def standing(robot: Robot) -> Standing:
         feet=tuple(model.body(number).name for number in numbers),
         soles=soles,
         places=places[:, :2],
-        per_metre=np.array([_inverse(rate, height) for rate in rates]),
+        per_metre=ways[:, :3],
+        per_turn=ways[:, 3],
     )
 
 
 def _inverse(rates: np.ndarray, height: float) -> np.ndarray:
-    """Coordinates per metre of a sole (3, k), from its derivatives (6, k); a sole that can keeps level."""
-    rows = rates[:3]
-    if int((np.abs(rates).max(axis=0) > 0.0).sum()) >= SOLE:
-        rows = np.concatenate([rates[:3], height * rates[3:]])
+    """Coordinates per metre of a sole and per radian about the vertical (4, k), from its derivatives (6, k).
+
+    A sole that can keeps level, and as it is turned where it moves; one that cannot is not turned.
+    """
+    can = int((np.abs(rates).max(axis=0) > 0.0).sum()) >= SOLE
+    rows = np.concatenate([rates[:3], height * rates[3:]]) if can else rates[:3]
     left, size, right = np.linalg.svd(rows, full_matrices=False)
     inverse = right.T @ np.diag(size / (size**2 + (DAMPING * size.max()) ** 2)) @ left.T
-    return inverse[:, :3].T
+    turned = height * inverse[:, 5:] if can else np.zeros((rates.shape[1], 1))
+    return np.concatenate([inverse[:, :3], turned], axis=1).T

@@ -72,8 +72,10 @@ class AnyRobotTask(Task):
         """
         low, high = self._ends()
         start = self.robot.start
-        own = [start.get(name, 0.5 * (a + b)) for name, a, b in zip(self.names, low, high, strict=True)]
         file = self.robot.file
+        turning = () if file is None else {item.name for item in file.joints if item.by_speed}
+        own = [0.0 if name in turning else start.get(name, 0.5 * (a + b))
+               for name, a, b in zip(self.names, low, high, strict=True)]  # fmt: skip
         aside = 0.25 * (high - low) if file is None or file.height is None else 0.0
         return np.clip(own, low + aside, high - aside)
 

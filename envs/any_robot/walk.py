@@ -19,6 +19,7 @@ from .task import AnyRobotTask, Numbers
 
 COMMANDS = ("forward [m/s]", "sideways [m/s]", "turn [rad/s]")
 SLOW = 0.05  # [m/s] of a foot over the body, from which on the reference gait lifts it fully; assumed
+RIM = 0.5  # of the height of the base: how far from its middle a sole that turns drags, for the same; assumed
 SWING = 0.5  # of a cycle of the reference gait that a foot is in the air
 AXES = ("x", "y", "z")
 
@@ -118,13 +119,15 @@ class WalkTask(AnyRobotTask):
         for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
             cycle = (self.cadence * time + 0.5 * float(turn)) % 1.0
             along, across = self._speed_of(command, place)
-            moving = np.minimum(np.sqrt(along * along + across * across) / SLOW, 1.0)
+            spinning = np.abs(command[:, 2]) * RIM * stance.height * float(stance.per_turn[foot].any())
+            moving = np.minimum((np.sqrt(along * along + across * across) + spinning) / SLOW, 1.0)
             swinging = cycle < SWING
             ahead = np.where(swinging, -0.5 * np.cos(np.pi * cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
             up = self.lift * moving * np.where(swinging, np.sin(np.pi * cycle / SWING), 0.0)
             stride = (1.0 - SWING) / self.cadence  # [s] on the ground
             for axis, way in enumerate((stride * along * ahead, stride * across * ahead, up)):
                 found = found + way[:, None] * stance.per_metre[foot, axis]
+            found = found + (stride * command[:, 2] * ahead)[:, None] * stance.per_turn[foot]
         return found
 
     @staticmethod

@@ -29,6 +29,7 @@ class ModelDrive:
         lost: what its actuators have that no ideal servo has, such as ``a delay of 0.03 s``.
         tied: joints with actuators of their own that an equality ties to it, whose drives were added to it.
         simplified: what the file says of its force that is read more simply here, a phrase each.
+        speeds: lowest and highest speed that its controls ask for [rad/s or m/s]; None: any, or its controls are none.
     """
 
     name: str
@@ -43,6 +44,7 @@ class ModelDrive:
     tied: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
     simplified: tuple[str, ...] = ()
+    speeds: tuple[float, float] | None = None
 
 
 def read_drives(full: mujoco.MjSpec, joints: Collection[str]) -> tuple[tuple[ModelDrive, ...], tuple[str, ...]]:
@@ -116,6 +118,9 @@ def _drive(
     if stiffness > 0.0 and len(known) == len(pulls):
         low, high = (sum(pull[end] for pull in known) / stiffness for end in (0, 1))
         goals = (low, high)
+    speeds = None
+    if stiffness == 0.0 < damping and len(numbers) == 1 and (pull := _pull(model, numbers[0])) is not None:
+        speeds = pull[0] / damping, pull[1] / damping
     plain = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtDyn.mjDYN_NONE)
     kinds = (model.actuator_biastype, model.actuator_gaintype, model.actuator_dyntype)
     motor = all(int(kind[number]) == int(want) for number in numbers for kind, want in zip(kinds, plain, strict=True))
@@ -138,6 +143,7 @@ def _drive(
         motor=motor,
         lost=tuple(lost),
         simplified=said,
+        speeds=speeds,
     )
 
 

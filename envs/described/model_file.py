@@ -22,6 +22,7 @@ from .model_errors import uncompiled, unreadable
 from .model_mass import told_guessed_masses, with_total_mass
 from .model_meshes import without_meshes_that_fail
 from .model_sources import SUFFIXES, check_files
+from .model_wheels import wheels_of
 from .urdf_text import mended_urdf, reductions
 
 UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}
@@ -102,6 +103,8 @@ class ModelFile:
         reductions: mechanical reductions that a URDF states and that nothing here uses, as they stand, by joint.
         unnamed: joints that nothing can drive, since they have no name or are balls, in words.
         said: what was mended in reading, a sentence each.
+        wheels: joints that turn without end and are told speeds, and the radius of each [m]; 0: not known.
+        mass: of the whole model [kg].
     """
 
     path: Path
@@ -125,6 +128,8 @@ class ModelFile:
     reductions: Mapping[str, str]
     unnamed: tuple[str, ...]
     said: tuple[str, ...]
+    wheels: Mapping[str, float]
+    mass: float
 
     def mobility_of(self, terms: Sequence[tuple[str, float]]) -> float:
         """The same of a coordinate that is a sum of joints times coefficients, by a force on it [1/(kg.m2) or 1/kg]."""
@@ -199,6 +204,8 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         reductions=reductions(path),
         unnamed=unnamed(model),
         said=said,
+        wheels={name: radius for name, radius in wheels_of(model, drives).items() if name not in followers},
+        mass=float(mujoco.mj_getTotalmass(model)),
     )
 
 

@@ -16,7 +16,7 @@ from ...configs.check import checked, checked_fields
 from ..engine.numbers import RobotError
 from .model_drives import ModelDrive
 from .model_file import ModelFile, read_model
-from .robot_assumed import FULL_FORCE, goal_range, ideal_servo, reduction_note
+from .robot_assumed import FULL_FORCE, goal_range, ideal_servo, ideal_wheel, reduction_note, speed_range
 from .robot_choice import chosen, none_to_drive, passive_sentence
 from .robot_described import LIMIT, SAME, FileJoint, RobotFile, stated, states, with_owned
 from .robot_entries import UNKNOWN, YAML_SUFFIXES, FileEntry, FloorEntry, JointEntry, Owner, ServoEntry
@@ -181,10 +181,18 @@ def _joint(
     terms = _terms(where, model, name, entry)
     joint = model.joints[terms[-1][0]]
     notes: list[str] = []
-    limits = entry.range or goal_range(model, terms, drive, notes)
+    given = None if entry.chain is None else _chain(where, path, entry.chain)
+    wheel = name in model.wheels and terms == ((name, 1.0),) if given is None else given.command == "goal_velocity"
+    if wheel and terms != ((joint.name, 1.0),):
+        raise RobotError(f"{where}: a chain of speed goals drives one joint, not a sum of several; give it one joint.")
+    if wheel:
+        limits = entry.range or speed_range(model, joint.name, drive, given, notes)
+    else:
+        limits = entry.range or goal_range(model, terms, drive, notes)
     if not limits[0] < limits[1]:
         raise RobotError(f"{where}.range is {limits[0]:g} to {limits[1]:g}; it goes from its low to its high end.")
-    check_within(where, model, terms, entry)
+    if not wheel:
+        check_within(where, model, terms, entry)
     ratio = abs(terms[-1][1])  # of the coordinate by the joint
     in_file = {
         "damping": joint.damping / ratio**2,
@@ -193,8 +201,10 @@ def _joint(
         LIMIT: 0.0 if joint.force is None or joint.force / ratio >= UNLIMITED else joint.force / ratio,
     }
     least: float | None = None
-    if entry.chain is not None:
-        chain = _chain(where, path, entry.chain)
+    if given is not None:
+        chain = given
+    elif wheel:
+        chain = ideal_wheel(model, joint.name, drive, limits, timestep, notes)
     else:
         chain, least = ideal_servo(model, name, terms, drive, limits, timestep, notes)
     said += [f"joint {name}: {note}." for note in notes]
@@ -233,7 +243,7 @@ def _joint(
     start = entry.start
     if start is None:
         start = sum(c * model.start.get(other, 0.0) for other, c in terms)
-        start = min(max(start, limits[0]), limits[1])
+        start = start if wheel else min(max(start, limits[0]), limits[1])
     servo = None if entry.servo is None else checked_fields(f"joints.{name}.servo", entry.servo, ServoEntry)
     return FileJoint(
         name, terms=terms, kind=joint.kind, range=limits, chain=chain, owners=owners, model_values=in_file, start=start,

@@ -11,11 +11,13 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ...actuators import Chain, load_chain
+from ...actuators.ability import no_load_speed
 from ...actuators.stages.controller import Ideal
 from ...common.errors import SealegsError
 from ..engine.numbers import RobotError
 from .model_drives import ModelDrive
 from .model_file import UNITS, ModelFile
+from .urdf_text import urdf_speeds
 
 BANDWIDTH = 4.0  # [Hz] at least, of the ideal servo that stands for a drive whose gain the file does not say
 FULL_FORCE = 0.125  # of the range: position error at which that servo gives its largest force
@@ -188,6 +190,73 @@ def ideal_servo(
             f"servo: {str(error).partition(': ')[2] or error} Correct it there, or give the joint a chain."
         ) from None
     return dataclasses.replace(chain, label=f"ideal on {name}"), least
+
+
+FASTEST = 10.0  # [rad/s] of a wheel whose speed nobody stated; assumed
+
+
+def speed_range(
+    model: ModelFile, name: str, drive: ModelDrive | None, chain: Chain | None, notes: list[str]
+) -> tuple[float, float]:
+    """Lowest and highest speed goal [rad/s] of a wheel: of its actuator's controls, its chain, or what the URDF states.
+
+    Args:
+        model: as read.
+        name: of the joint.
+        drive: of the model that drives it.
+        chain: that drives it; None: an ideal one.
+        notes: where a phrase is added that says where it comes from.
+    """
+    if drive is not None and drive.speeds is not None:
+        return drive.speeds
+    stated = urdf_speeds(model.path).get(name, math.inf)
+    able = math.inf if chain is None else no_load_speed(chain)
+    fastest = min(stated, able)
+    why = "the velocity limit of the file" if stated <= able else "its chain's speed without load"
+    if not math.isfinite(fastest):
+        fastest, why = FASTEST, "assumed"
+    fastest = float(f"{fastest:.3g}")
+    notes.append(f"it is a wheel, and its goals are speeds of up to {fastest:g} rad/s ({why})")
+    return -fastest, fastest
+
+
+def ideal_wheel(
+    model: ModelFile,
+    name: str,
+    drive: ModelDrive | None,
+    speeds: tuple[float, float],
+    timestep: float,
+    notes: list[str],
+) -> Chain:
+    """An ideal speed drive with the numbers of the model's velocity actuator, or with assumed ones.
+
+    Args:
+        model: as read.
+        name: of the joint.
+        drive: of the model that drives it.
+        speeds: that it is told [rad/s].
+        timestep: of the simulation [s].
+        notes: where a phrase is added that says where the numbers come from.
+    """
+    joint = model.joints[name]
+    forces = [item for item in (None if drive is None else drive.force, joint.force) if item is not None]
+    limit = min(forces, default=None)
+    if drive is not None and drive.damping > 0.0:
+        damping, why = drive.damping, "its velocity actuator's"
+    elif limit is not None:
+        damping, why = limit / (FULL_FORCE * (speeds[1] - speeds[0])), "assumed, full torque at a quarter of its speed"
+    else:
+        carried = model.mass * model.wheels.get(name, 0.0) ** 2 / max(len(model.wheels), 1)
+        inertia = joint.inertia + joint.armature + carried
+        damping, why = 2.0 * math.pi * BANDWIDTH * inertia, f"assumed, {BANDWIDTH:g} Hz with what it moves"
+    resolved = 2.0 * RESOLVED / (model.mobility[name, name] * timestep)
+    if damping > resolved:
+        damping, why = resolved, f"assumed, the most that a timestep of {1e3 * timestep:g} ms resolves"
+    values = {"damping": _rounded(damping)}
+    if limit is not None and limit < STRONGEST:
+        values["torque_limit"] = _rounded(limit)
+    notes.append(f"an ideal speed drive of {values['damping']:g} N.m.s/rad drives it ({why})")
+    return dataclasses.replace(load_chain([{"ideal_velocity": values}]), label=f"ideal on {name}")
 
 
 def motor_note(drive: ModelDrive, kind: str) -> str:

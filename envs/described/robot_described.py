@@ -37,6 +37,8 @@ OWNED = {
     LIMIT: "torque_limit.limit",
 }
 """What model file and chain can both hold, and what it is called in a chain; an ideal servo has a limit of its own."""
+IDEAL = ("ideal", "ideal_velocity")
+"""Stages of perfect drives."""
 FLOOR_FRICTION = "floor_friction"
 """Number of a robot whose YAML gives it a floor."""
 TALL = 2.5  # times the height of its base: rough size of a robot on legs, for light and camera
@@ -56,7 +58,7 @@ class FileJoint:
         name: of the coordinate: columns of logs and goals have it.
         terms: joints of the model and coefficients whose sum it is; mostly one joint.
         kind: hinge [rad, N.m] or slide [m, N].
-        range: lowest and highest goal [rad or m].
+        range: lowest and highest goal [rad or m; of a wheel rad/s].
         chain: that drives it, with all that the drive owns: friction, damping, armature.
         owners: of ``damping``, ``armature``, ``frictionloss`` and ``actuatorfrcrange``: where the chain's number came
             from.
@@ -90,6 +92,16 @@ class FileJoint:
     def unit(self) -> str:
         """Of its position."""
         return UNITS[self.kind][0]
+
+    @property
+    def by_speed(self) -> bool:
+        """Whether its goals are speeds: a wheel."""
+        return self.chain.command == "goal_velocity"
+
+    @property
+    def goal_unit(self) -> str:
+        """Of its goals."""
+        return f"{self.unit}/s" if self.by_speed else self.unit
 
     def carried(self, chain: Chain) -> Chain:
         """``chain`` with the model file's number where it states none itself and the file owns it."""
@@ -272,7 +284,7 @@ def with_owned(chain: Chain, key: str, value: float) -> Chain:
 def _limit(chain: Chain) -> float:
     """Largest torque at the joint that stages of the chain state [N.m or N]; :data:`UNLIMITED` where none does."""
     limits = [stage.law_values(chain)["limit"] for stage in chain.stages if stage.name == "torque_limit"]
-    return min([*limits, chain.find("ideal").torque_limit if chain.find("ideal") is not None else UNLIMITED])
+    return min([*limits, *(drive.torque_limit for name in IDEAL if (drive := chain.find(name)) is not None), UNLIMITED])
 
 
 def _stall(chain: Chain) -> float:
@@ -292,8 +304,9 @@ def _limited(chain: Chain, limit: float) -> Chain:
     """The chain with a largest torque at the joint [N.m or N], where it could give more."""
     if largest_torque(chain) <= limit:
         return chain
-    if chain.find("ideal") is not None:
-        return chain.with_value("ideal.torque_limit", limit)
+    for name in IDEAL:
+        if chain.find(name) is not None:
+            return chain.with_value(f"{name}.torque_limit", limit)
     chain = chain.with_stage(build_stage("torque_limit", {"limit": limit}, chain.label))
     at_joint = chain.find("torque_limit").law_values(chain)["limit"]  # a gear behind it turns faster and pulls less
     return chain.with_value(OWNED[LIMIT], limit**2 / at_joint)

@@ -38,7 +38,7 @@ class JointEntry:
         chain: word, path (relative to the YAML) or stages; None: an ideal servo as the model file has it.
         joint: of the model; None: the one of the same name.
         belt: joints of the model and coefficients whose sum is driven, in place of one joint.
-        range: of its goals [rad or m]; None: that of the model's joint.
+        range: of its goals [rad or m; of a chain that is told speeds rad/s]; None: that of the model's joint.
         damping, armature, frictionloss, actuatorfrcrange: their owner; None: the chain where it states the number, else
             the file.
         start: where episodes start [rad or m]; None: the model's keyframe, else 0.

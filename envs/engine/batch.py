@@ -24,6 +24,7 @@ from .at_once import BreaksAtOnce
 from .base import BaseLayout
 from .disturbances import Disturbances, stand_on_slope, tilt_floor
 from .imu import ImuHistory
+from .model_loops import Loops
 from .model_ties import in_turn, place_followers
 from .position_goals import check_position_goals
 from .randomization import Randomization, Source
@@ -128,7 +129,7 @@ class BatchEngine:
         robot = with_contacts(task.robot, task.sees)
         self.drivetrain = robot.drivetrain(actuator, params)
         self.chains = self.drivetrain.chains
-        check_position_goals(task.robot, self.chains, "a task gives")
+        check_position_goals(task.robot, self.chains, f"{type(task).__name__} gives", task.takes_speeds)
         self.randomization = Randomization(
             self.drivetrain,
             randomization,
@@ -152,7 +153,7 @@ class BatchEngine:
         # position, speed, acceleration or control went bad, and the engine reset the simulation
         self._warnings = self.batch.warning[:, int(mujoco.mjtWarning.mjWARN_BADQPOS) :, 1]
         self._programs: np.ndarray | None = None
-        self._followers = in_turn(model)
+        self._followers, self._loops = in_turn(model), Loops.of(self.drivetrain)
         self._base = BaseLayout.of_model(model, range(model.njnt)).base
         self._imu: ImuHistory | None = None
         if task.robot.imu is not None and self._base is not None:
@@ -259,6 +260,11 @@ class BatchEngine:
         qpos, qvel = self._qpos[chosen], self._qvel[chosen]
         goals = self.task.place(self.drivetrain, self.numbers, random[:, :task_draws], qpos, qvel)
         place_followers(self.drivetrain.model, self._followers, qpos)
+        if self._loops is not None:
+            before = self._motor(qpos)
+            for row in qpos:
+                self._loops.close(row)
+            goals = goals + self._motor(qpos) - before
         if self._terrain is not None and self._base is not None:
             qpos[:, self._base[0] : self._base[0] + 3] += self.disturbances.place(chosen, self._terrain)
         if (turn := self.disturbances.slope(chosen)) is not None and self._base is not None:

@@ -9,8 +9,8 @@ from ...actuators import Chain
 from .robot import Robot, RobotError
 
 
-def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str) -> None:
-    """Make sure that every chain of a robot takes position goals [rad or m].
+def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str, speeds: bool = True) -> None:
+    """Make sure that every chain of a robot takes position goals [rad or m], or speeds where these go as well.
 
     A ``torque_command`` passes its command on as N.m or N, so that a goal of 0.5 rad would act as 0.5 N.m, and a torque
     would be sent to a servo as an angle. Robots with such chains can be read and diagnosed all the same.
@@ -19,10 +19,17 @@ def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str) 
         robot: that the chains drive.
         chains: by coordinate.
         there: what goes between host and chain, such as ``a task gives``.
+        speeds: whether a chain may be told a speed.
 
     Raises:
-        RobotError: a chain takes torques.
+        RobotError: a chain takes torques, or speeds that are not given.
     """
+    turning = [name for name, chain in chains.items() if chain.command == "goal_velocity"]
+    if turning and not speeds:
+        raise RobotError(
+            f"robot '{robot.name}': {', '.join(turning)} {'are' if len(turning) > 1 else 'is'} told speeds, and "
+            f"{there} position goals; robots on wheels drive with env=drive, or a task of your own that takes_speeds."
+        )
     driven = torque_driven({name: chain.to_list() for name, chain in chains.items()})
     if not driven:
         return

@@ -120,6 +120,7 @@ class Task(ABC):
         command_interval: after which a new command is drawn [s]; 0: an episode has one. A task may make a number of it.
         control_rate: actions per second [Hz], where nothing else is asked for.
         any_robot: whether its environment takes a ``robot``; :class:`sealegs.envs.any_robot.task.AnyRobotTask` does.
+        takes_speeds: whether goals of wheels, whose chains are told speeds, are speeds to it; others refuse them.
         episode_steps: control steps of an episode of a task in a user's own file.
         sees: words of :data:`sealegs.envs.engine.world.SEES`: what it finds in :attr:`Motion.world`.
     """
@@ -130,6 +131,7 @@ class Task(ABC):
     command_interval = 0.0
     control_rate: ClassVar[float] = 50.0
     any_robot: ClassVar[bool] = False
+    takes_speeds: ClassVar[bool] = False
     episode_steps: ClassVar[int] = 500
     sees: ClassVar[tuple[str, ...]] = ()
 

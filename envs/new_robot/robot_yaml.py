@@ -14,6 +14,8 @@ from typing import Any
 
 import yaml
 
+from ...actuators import load_chain
+from ...actuators.chain import names as names_of_chains
 from ...actuators.stages.controller import UNLIMITED
 from ...common.atomic import write_text
 from ...common.errors import SealegsError
@@ -29,6 +31,7 @@ from ..described.robot_imu import seat_of_imu
 from ..engine.numbers import RobotError
 from .robot_trial import steady
 from .stance import on_legs
+from .wheels import on_wheels
 
 HEAD = """\
 # Robot {name}, written from {model} by sealegs new-robot; edit what is wrong.
@@ -122,12 +125,13 @@ def robot_yaml(
     belts = {drive.name: dict(drive.terms) for drive in facts.drives if drive.terms != ((drive.name, 1.0),)}
     if chain is not None and Path(chain).suffix in (".yaml", ".yml"):
         chain = os.path.relpath(Path(chain).resolve(), out.resolve().parent)
-    rows: dict[str, Any] = {name: {"chain": chain} for name in names}
+    wheels = {name: wheel_chain(chain) for name in names if chain is not None and name in facts.wheels}
+    rows: dict[str, Any] = {name: {"chain": wheels.get(name, chain)} for name in names}
     for name, belt in belts.items():
         rows[name]["belt"] = belt
     path = os.path.relpath(model.resolve(), out.resolve().parent)
     try:
-        robot = steady(on_legs(assembled(out.resolve(), FileEntry(path, joints=rows))))
+        robot = steady(on_wheels(on_legs(assembled(out.resolve(), FileEntry(path, joints=rows)))))
     except SealegsError as error:
         raise RobotError(str(error).replace(f"{out.resolve()}: ", f"{model}: ")) from None  # there is no such file yet
     head = HEAD.format(
@@ -144,7 +148,7 @@ def robot_yaml(
     limited = {name for values in assumed.limits.values() for name in values}
     more = {joint.name: _more_notes(facts, joint, chain, reserved, limited) for joint in robot.joints}
     lines = [
-        _joint(number, joint, chain, belts.get(joint.name), more[joint.name])
+        _joint(number, joint, rows[joint.name]["chain"], belts.get(joint.name), more[joint.name])
         for number, joint in enumerate(robot.joints, 1)
     ]
     left = [f"# Left out: {reason}.\n" for reason in undriveable]
@@ -156,6 +160,7 @@ def robot_yaml(
     said = (*robot.said, *assumed.said, *(f"joint {name}: {note}." for name, notes in more.items() for note in notes))
     said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
+    said = (*said, *_unlike_wheels(facts, robot, wheels, chain))
     said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
     return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed)), said
 
@@ -183,7 +188,9 @@ def _more_notes(
     """What somebody who edits a file for the first time should know of a joint, a phrase each."""
     notes = []
     drive = next((drive for drive in facts.drives if drive.name == joint.name), None)
-    if chain is not None and drive is not None and drive.stiffness <= 0.0:  # without a chain, assembling noted it
+    if (
+        chain is not None and drive is not None and drive.stiffness <= 0.0 and not joint.by_speed
+    ):  # without a chain, assembling noted it
         notes.append(motor_note(drive, joint.kind))
     if chain is not None and drive is not None and drive.tied:
         notes.append(tied_note(drive))
@@ -204,6 +211,32 @@ def _chain_on_slides(robot: RobotFile, chain: str | None) -> tuple[str, ...]:
         f"Where a joint is a slide ({', '.join(slides)}), numbers of '{chain}' count as N and m, at hinges as N.m and "
         "rad; give slides a chain of their own.",
     )
+
+
+def wheel_chain(chain: str) -> str | None:
+    """The chain of a servo's speed mode, beside that of its position mode; None: there is none, or it is one itself."""
+    if load_chain(chain).command == "goal_velocity":
+        return chain
+    return name if (name := f"{chain}_wheel") in names_of_chains() else None
+
+
+def _unlike_wheels(
+    facts: ModelFile, robot: RobotFile, wheels: Mapping[str, str | None], chain: str | None
+) -> tuple[str, ...]:
+    """What was taken for a wheel, and that a chain of position goals cannot drive one."""
+    found = []
+    if lost := [name for name, own in wheels.items() if own is None]:
+        found.append(
+            f"{WARNING}{', '.join(lost)}: '{chain}' is told positions and there is no chain '{chain}_wheel', so an "
+            "ideal speed drive takes its place; give one with velocity_pi."
+        )
+    turning = [joint.name for joint in robot.joints if not joint.by_speed and facts.joints[joint.joint].range is None]
+    if hinges := [name for name in turning if robot.joint(name).kind == "hinge"]:
+        found.append(
+            f"{facts.path.name}: {', '.join(hinges)} {'turn' if len(hinges) > 1 else 'turns'} without end and is told "
+            "positions, as nothing says that it is a wheel; if it is, give it a chain such as sts3215_wheel."
+        )
+    return tuple(found)
 
 
 def _safety(assumed: AssumedLimits) -> str:
@@ -228,10 +261,11 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
     position, force = UNITS[joint.kind]
     drive: Any = chain
     if drive is None:
-        ideal = dataclasses.asdict(joint.chain.find("ideal"))
-        kept = {key: ideal[key] for key in ("stiffness", "damping") if ideal[key]}
+        stage = "ideal_velocity" if joint.by_speed else "ideal"
+        ideal = dataclasses.asdict(joint.chain.find(stage))
+        kept = {key: ideal[key] for key in ("stiffness", "damping") if ideal.get(key)}
         limit = {"torque_limit": ideal["torque_limit"]} if ideal["torque_limit"] < UNLIMITED else {}
-        drive = [{"ideal": kept | limit}]
+        drive = [{stage: kept | limit}]
     units = {
         "damping": f"{force}.s/{position}",
         "armature": "kg.m2" if joint.kind == "hinge" else "kg",
@@ -247,13 +281,14 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
         lines.append(f"    belt: {_flow(belt)}   # driven is the sum of these joints, times their coefficients")
     lines.append(f"    chain: {_flow(drive)}   # a chain by its name, such as sts3215 or xl330, a file, or stages")
     low, high = (round(end, 6) for end in joint.range)
-    lines.append(f"    range: {_flow([low, high])}   # of its goals [{position}]")
+    lines.append(f"    range: {_flow([low, high])}   # of its goals [{joint.goal_unit}]")
     for key, owner in joint.owners.items():
         value = joint.model_values[key]
         if key == LIMIT and not value:
             continue
         lines.append(f"    {key}: {owner}   # chain or file; the file has {value:g} {units[key]}")
-    lines.append(f"    start: {min(max(round(joint.start, 6), low), high):.10g}   # of episodes [{position}]")
+    start = round(joint.start, 6) if joint.by_speed else min(max(round(joint.start, 6), low), high)
+    lines.append(f"    start: {start:.10g}   # of episodes [{position}]")
     lines.append("    unknown: []   # what nobody measured: zero, direction, friction, armature, motor, load")
     lines.append(f"    servo: {{id: {number}}}   # and zero: its step at 0, direction: 1 or -1")
     return "\n".join(lines) + "\n"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
 from .cause import Cause, Ceiling, Limit, Needs
-from .registry import both, entry, follows_goals, has, has_any, impedance, lacks, stall_torque
+from .registry import both, entry, follows_goals, follows_positions, has, has_any, impedance, lacks, stall_torque
 
 PER_COMMAND = Parameter("scale.factor", "1", 0.3, 3.0, 1.0, 0.1, logarithmic=True)
 LOOPS = ("position_p", "position_pd", "position_pi")
@@ -24,8 +24,22 @@ def _stiffer_loop(nominal: JointModel) -> list[tuple[Parameter, ...]]:
     return [(replace(factor(loop, 0.1, 10.0), start=2.0),)] if loop else []
 
 
-@entry("drive.gain", both(has_any(*LOOPS, "ideal"), lambda nominal: not impedance(nominal)))
+def _speed_gain(nominal: JointModel) -> Cause:
+    """Of a speed loop: its two gains, which a register each sets."""
+    paths = [path for path in ("velocity_pi.integral", "velocity_pi.gain") if nominal.value(path) > 0.0]
+    return Cause(
+        sentence="The speed loop is weaker or stronger than its setting says.",
+        picture="response",
+        against="control error",
+        variants=tuple((factor(path, 0.1, 10.0),) for path in paths),
+        error=True,
+    )
+
+
+@entry("drive.gain", both(has_any(*LOOPS, "velocity_pi", "ideal"), lambda nominal: not impedance(nominal)))
 def gain(nominal: JointModel) -> Cause:
+    if nominal.chain.find("velocity_pi"):
+        return _speed_gain(nominal)
     return Cause(
         sentence="The position loop is weaker or stronger than its setting says.",
         picture="response",
@@ -69,7 +83,7 @@ def delay(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.rate_limit", follows_goals)
+@entry("drive.rate_limit", follows_positions)
 def rate_limit(nominal: JointModel) -> Cause:
     del nominal
     speeds = [
@@ -85,7 +99,7 @@ def rate_limit(nominal: JointModel) -> Cause:
     )
 
 
-@entry("drive.acceleration_limit", follows_goals)
+@entry("drive.acceleration_limit", follows_positions)
 def acceleration_limit(nominal: JointModel) -> Cause:
     """Of a goal profile; the register of Feetech's servos reaches from 0.15 to 39 rad/s2."""
     limits = [
@@ -123,8 +137,8 @@ def goal_filter(nominal: JointModel) -> Cause:
 
 @entry("drive.deadband", follows_goals)
 def deadband(nominal: JointModel) -> Cause:
-    del nominal
-    widths = [Parameter("dead_band.width", "rad", 0.0, 0.3, start, 0.003) for start in (0.006, 0.03)]
+    unit = "rad/s" if nominal.command == "goal_velocity" else "rad"
+    widths = [Parameter("dead_band.width", unit, 0.0, 0.3, start, 0.003) for start in (0.006, 0.03)]
     return Cause(
         sentence="The controller ignores errors below a width.",
         picture="duty_against_error",
@@ -149,7 +163,8 @@ def saturation(nominal: JointModel) -> Cause:
 
 @entry("drive.offset")
 def offset(nominal: JointModel) -> Cause:
-    shift = Parameter("offset.value", "rad", -0.5, 0.5, 0.0, 0.005)
+    unit = "rad/s" if nominal.command == "goal_velocity" else "rad"
+    shift = Parameter("offset.value", unit, -0.5, 0.5, 0.0, 0.005)
     if nominal.by_torque:
         top = stall_torque(nominal)
         shift = Parameter("offset.value", "N.m", -0.5 * top, 0.5 * top, 0.0, 0.02 * top)

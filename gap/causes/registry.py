@@ -93,6 +93,11 @@ def follows_goals(nominal: JointModel) -> bool:
     return not impedance(nominal) and lacks("torque_command")(nominal)
 
 
+def follows_positions(nominal: JointModel) -> bool:
+    """What the drive is told is a position, to which a profile may lead."""
+    return follows_goals(nominal) and nominal.command == "goal"
+
+
 def both(*conditions: Applies) -> Applies:
     """All of these conditions hold."""
     return lambda nominal: all(condition(nominal) for condition in conditions)

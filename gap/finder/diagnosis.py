@@ -23,7 +23,7 @@ from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.types import Array, LogError, MeasuredSet
+from ..log.types import OF_CHAINS, Array, LogError, MeasuredSet
 from ..measure.belief import measured_within_belief
 from ..measure.case import Case, Replay
 from ..measure.measured import Measured, measure
@@ -230,7 +230,7 @@ def diagnose_joint(
 
 
 def _is_commanded(machine: Machine, joint: str) -> bool:
-    commands = (getattr(run.joints[joint], kind) for run in machine for kind in ("goal", "torque_command"))
+    commands = (getattr(run.joints[joint], kind) for run in machine for kind in OF_CHAINS)
     return any(command is not None for command in commands)
 
 
@@ -435,7 +435,9 @@ def _decide(
     asking = withdrawn if verdict.name == EXPLAINED else measured.open_causes
     unsettled = verdict.name in (NOT_IDENTIFIABLE, PARTLY) or rivals_of(measured.causes) or asking
     framed = all(finding.code != DOUBTED for finding in case.findings)  # goals may mean other angles
-    if free is not None and (replay.along is not None or free.models[0].load.predictable) and unsettled and framed:
+    foreseen = free is not None and (replay.along is not None or free.models[0].load.predictable)
+    told_places = free is not None and free.models[0].command == "goal"  # what is proposed are positions
+    if free is not None and foreseen and told_places and unsettled and framed:
         wide = verdict.because("still", "blind") or bool(withdrawn)
         left = search.less(withdrawn)
         experiment = propose(free, left, request.limits, request.seed, wide, replay.stops, replay.along)

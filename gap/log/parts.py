@@ -167,7 +167,7 @@ def _first(run: MeasuredRun, joint: str, count: int) -> int:
     into FIT_A: what a sweep reaches at its end alone, its fits must both see.
     """
     log = run.joints[joint]
-    command = log.position if log.goal is None else log.goal
+    command = next((item for item in (log.goal, log.goal_velocity) if item is not None), log.position)
     known = np.isfinite(command)
     way = np.abs(np.diff(command[known], prepend=command[known][0]))
     ends = np.linspace(run.time[0], run.time[-1], count + 1)

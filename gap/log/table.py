@@ -184,6 +184,6 @@ def check_columns(names: list[str], path: Path, driven: Collection[str] | None =
             raise LogError(f"{path}: the column '{joint}.position' [rad] is missing")
         if joint in needy and not any(f"{joint}.{signal}" in seen for signal in COMMANDS):
             raise LogError(
-                f"{path}: the column '{joint}.goal' [rad] is missing (only a torque-driven log, "
-                f"which has '{joint}.torque_command' or '{joint}.torque', goes without)"
+                f"{path}: the column '{joint}.goal' [rad] is missing (a wheel has '{joint}.goal_velocity' [rad/s] "
+                f"in its place, a torque-driven log '{joint}.torque_command' or '{joint}.torque')"
             )

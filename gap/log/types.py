@@ -41,7 +41,10 @@ SIGNAL_UNITS: dict[str, str] = {
 TOLD = ("goal", "torque_command")
 """What a joint of any machine may be told."""
 
-COMMANDS = (*TOLD, "torque")
+OF_CHAINS = (*TOLD, "goal_velocity")
+"""What a chain may be told (``Chain.command``): a speed alone is the command of a wheel."""
+
+COMMANDS = (*TOLD, "torque", "goal_velocity")
 """What says how a joint is driven: a joint logs one of these at least. A measured torque does on a bench only, where
 what it works against is known."""
 
@@ -62,7 +65,7 @@ class JointLog:
     Units are those of a hinge; on a slide rad is m and N.m is N.
 
     Attributes:
-        goal: commanded position [rad]; None in a torque-driven log.
+        goal: commanded position [rad]; None where the joint is driven by torques or speeds.
         position: measured position on the motor side of any spring [rad].
         velocity: measured velocity [rad/s].
         link_position: measured position on the link side of the spring [rad].
@@ -74,7 +77,7 @@ class JointLog:
         enabled: 1 while the drive is on, 0 while the motor is left without torque; None where it was on throughout.
         torque_command: commanded torque, held until the next sample [N.m]; of an open loop, or of a controller outside
             the drive that closes one. None where the drive takes a position goal alone.
-        goal_velocity: commanded velocity beside the goal, of an impedance drive [rad/s].
+        goal_velocity: commanded velocity [rad/s]: beside the goal, of an impedance drive; alone, of a wheel.
         goal_alone: the goal as it was commanded, where :attr:`goal` holds what was commanded beside it, too [rad]; None
             where the goal is all. No column.
         touched: 1 where something that the model lacks holds what the joint moves, as a table under an arm; no column,

@@ -8,7 +8,7 @@ from ...common.errors import nearest
 from ..ground.ground import GROUND
 from ..load.robot import LoggedRobot
 from ..log.finding import Finding
-from ..log.types import COMMANDS, TOLD, LogError, MeasuredRun
+from ..log.types import COMMANDS, OF_CHAINS, LogError, MeasuredRun
 
 MIN_ROBOT_SAMPLES = 30  # samples of a run of a robot: of fewer no derivative and no piece to judge on is left
 
@@ -35,7 +35,7 @@ def commanded(runs: Sequence[MeasuredRun]) -> list[str]:
 
     A column may have been set aside in some runs.
     """
-    keys = COMMANDS if runs[0].robot == "bench" else TOLD
+    keys = COMMANDS if runs[0].robot == "bench" else OF_CHAINS
     return [
         joint
         for joint in runs[0].joints
@@ -52,7 +52,7 @@ def chosen(joints: Sequence[str], only: Sequence[str] | None, beside: Sequence[s
     if not joints:
         raise LogError(
             "No command of a joint was logged, and a measured torque stands in for one on a bench only; log what each "
-            "joint was told as <joint>.goal or <joint>.torque_command."
+            "joint was told as <joint>.goal, <joint>.goal_velocity (a wheel) or <joint>.torque_command."
         )
     for name in only or ():
         if name == GROUND and name not in joints:

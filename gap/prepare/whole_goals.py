@@ -34,7 +34,9 @@ def with_whole_goals(machine: Machine) -> tuple[tuple[MeasuredRun, ...], list[Fi
             if not beside or (robot is None and name not in run.actuators):
                 continue
             chain = chain_of(run, name, robot)
-            if log.goal is None or chain.find("torque_command") is not None:
+            if chain.command == "goal_velocity":
+                continue
+            if log.goal is None or chain.command == "torque_command":
                 beside = [signal for signal in beside if signal == "goal_velocity"]
             elif (drive := chain.impedance_drive()) is not None:
                 joints[name] = _whole(log, drive)

@@ -117,7 +117,7 @@ def driven_problem(
         LogError: the log lacks what would be judged: the link behind a spring, or, where motor and link are one, any
             of torque, current and duty.
     """
-    plain = lay_out(runs, joint, units, models[0].by_torque)
+    plain = lay_out(runs, joint, units, models[0].command)
     logs = [run.joints[joint] for run in runs]
     elastic = any(is_elastic(model) for model in models)
     if elastic and any(log.link_position is None for log in logs):

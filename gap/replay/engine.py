@@ -21,7 +21,7 @@ from ...envs.described.as_robot import as_robot
 from ...envs.robots import get_robot
 from ..load.robot import LoggedRobot
 from ..load.tree import Motion
-from ..log.types import MeasuredRun
+from ..log.types import OF_CHAINS, MeasuredRun
 from .joint_model import JointModel
 from .simulator import CHANNELS
 from .tree import motion_of
@@ -95,12 +95,15 @@ class Whole:
     Attributes:
         robot: as its log names it.
         drivetrain: of it, in the frame of its model.
-        by_torque: joints whose command is a torque.
     """
 
     robot: LoggedRobot
     drivetrain: Drivetrain
-    by_torque: frozenset[str]
+
+    @property
+    def by_torque(self) -> bool:
+        """Whether the command of some joint is a torque."""
+        return any(chain.command == "torque_command" for chain in self.drivetrain.chains.values())
 
     @property
     def names(self) -> list[str]:
@@ -123,7 +126,7 @@ def why_not_whole(robot: LoggedRobot, runs: Sequence[MeasuredRun]) -> str | None
             return f"the drive of '{name}' turns several joints"
         for run in runs:
             log = run.joints.get(name)
-            if log is None or (log.goal is None and log.torque_command is None):
+            if log is None or all(getattr(log, told) is None for told in OF_CHAINS):
                 return f"{run.name} has no command of '{name}'"
             if log.enabled is not None and not np.all(log.enabled > 0.5):
                 return f"the drive of '{name}' is off for a part of {run.name}"
@@ -136,9 +139,7 @@ def whole(robot: LoggedRobot, chains: Mapping[str, Chain], params: Mapping[str, 
     Raises:
         SealegsError: they do not go together.
     """
-    drivetrain = as_robot(robot.file).drivetrain(dict(chains), params)
-    by_torque = {name for name, chain in drivetrain.chains.items() if chain.find("torque_command") is not None}
-    return Whole(robot, drivetrain, frozenset(by_torque))
+    return Whole(robot, as_robot(robot.file).drivetrain(dict(chains), params))
 
 
 def replay_whole(machine: Whole, run: MeasuredRun, step: float = STEP) -> dict[str, np.ndarray]:
@@ -179,15 +180,11 @@ def replay_whole(machine: Whole, run: MeasuredRun, step: float = STEP) -> dict[s
 
 
 def _command(machine: Whole, run: MeasuredRun, name: str) -> np.ndarray:
-    log, frame = run.joints[name], machine.robot.frame(name)
-    if name in machine.by_torque:
-        command, zero = log.torque_command, 0.0
-    else:
-        command, zero = log.goal, frame.zero
+    frame, kind = machine.robot.frame(name), machine.drivetrain.chains[name].command
+    command = getattr(run.joints[name], kind)
     if command is None:
-        kind = "torque_command" if name in machine.by_torque else "goal"
         raise SealegsError(f"{run.name} has no '{name}.{kind}', which the chain of '{name}' takes.")
-    return frame.sign * (command - zero)
+    return frame.sign * (command - (frame.zero if kind == "goal" else 0.0))
 
 
 def _starts(time: np.ndarray, window: float) -> np.ndarray:

@@ -242,7 +242,7 @@ def torques_along(
 def _drive(run: MeasuredRun, name: str, model: JointModel, motion: Motion, robot: LoggedRobot) -> np.ndarray | None:
     """Torque of a joint's chain along its measured motion (n,)."""
     log = run.joints[name]
-    command = log.torque_command if model.by_torque else log.goal
+    command = getattr(log, model.command)
     if command is None:
         return None
     dof = int(robot.model.jnt_dofadr[robot.number(name)])

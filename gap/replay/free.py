@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,6 +17,7 @@ from .layout import lay_out
 from .problem import OF_A_ROBOT, ROBOT_STEP, STEPS, Batch, JointProblem
 from .simulator import CHANNELS, replay_many
 
+PLACES = slice(0, 2)  # channels that are positions
 NO_TERMS = np.zeros((0, T_COLUMNS))
 
 
@@ -64,6 +66,21 @@ class FreeProblem(JointProblem):
         terms = NO_TERMS if self.terms is None else self.terms[batch.rows]
         signals = (terms, *self.driven_by(batch.rows))
         replay_many(batch.programs, batch.constants, *signals, batch.starts, batch.states, batch.steps, batch.out)
+        if self.models[0].command == "goal_velocity":
+            self._from_any_place(batch)
+
+    def _from_any_place(self, batch: Batch) -> None:
+        """Shift each unit of a joint that is told speeds to where it was measured, on average.
+
+        Nothing brings such a joint back to a place: what its loop has added up before a unit begins, which no log
+        tells, is a constant of its position from then on.
+        """
+        measured, judged = self.measured[batch.rows, 0], self.judged[batch.rows]
+        for first, end in itertools.pairwise(batch.starts):
+            use = judged[first:end] & np.isfinite(measured[first:end])
+            if use.any():
+                shift = (measured[first:end] - batch.out[:, first:end, 0])[:, use].mean(axis=1)
+                batch.out[:, first:end, PLACES] += shift[:, None, None]
 
 
 def free_problem(
@@ -85,7 +102,7 @@ def free_problem(
     Raises:
         LogError: the joint has no commands.
     """
-    laid = lay_out(runs, joint, units, models[0].by_torque)
+    laid = lay_out(runs, joint, units, models[0].command)
     return FreeProblem(
         **vars(laid),
         weight=np.array([weight.get(channel, 0.0) for channel in CHANNELS]),

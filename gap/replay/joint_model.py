@@ -129,9 +129,14 @@ class JointModel:
     of_robot: bool = False
 
     @property
+    def command(self) -> str:
+        """Column of its log that it is told: ``goal``, ``goal_velocity`` or ``torque_command``."""
+        return self.chain.command
+
+    @property
     def by_torque(self) -> bool:
-        """Whether it is commanded by a torque (or force), not by a position."""
-        return self.chain.find("torque_command") is not None
+        """Whether it is commanded by a torque (or force), not by a position or a speed."""
+        return self.command == "torque_command"
 
     @property
     def elastic(self) -> bool:

@@ -49,26 +49,30 @@ class Layout:
     reliability: np.ndarray
 
 
-def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], by_torque: bool = False) -> Layout:
+def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], told: str = "goal") -> Layout:
     """Lay the runs of one joint out.
 
     Args:
         runs, units: of :func:`sealegs.gap.log.parts.cut`.
         joint: its name.
-        by_torque: whether it is commanded by a torque (or force), not by a position.
+        told: column of its command: ``goal``, ``goal_velocity`` or ``torque_command``.
 
     Raises:
         LogError: the joint has no commands.
     """
     units = sorted(units, key=lambda unit: (unit.run, unit.start))
-    forgotten = LEAST_START if by_torque else WARM_UP  # a joint that follows torques begins anew behind a gap
+    forgotten = (
+        LEAST_START if told == "torque_command" else WARM_UP
+    )  # a joint that follows torques begins anew behind a gap
     time, goal, on, temperature, measured, judged, block, group = ([] for _ in range(8))
     starts, blocks, groups = [0], 0, 0
     for unit in units:
         log, clock = runs[unit.run].joints[joint], runs[unit.run].time
-        command = log.torque_command if by_torque else log.goal
+        command = getattr(log, told)
         if command is None:
-            missing = f"'{joint}.torque_command', which its chain takes" if by_torque else "goal to replay"
+            missing = "goal to replay" if told == "goal" else f"'{joint}.{told}', which its chain takes"
+            if told == "goal" and log.goal_velocity is not None:
+                missing = "goals but goal_velocity; give it a chain that is told speeds, such as sts3215_wheel"
             raise LogError(f"{runs[unit.run].name}: joint '{joint}' has no {missing}.")
         part = slice(unit.start, unit.stop)
         count = unit.stop - unit.start

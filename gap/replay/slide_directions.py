@@ -161,5 +161,5 @@ def _commanded(runs: Sequence[MeasuredRun], models: Sequence[Mapping[str, JointM
     """Whether each run has the command that the joint's chain reads."""
     if not all(name in each for each in models):
         return False
-    logs = [(run.joints[name], each[name].by_torque) for run, each in zip(runs, models, strict=True)]
-    return all((log.torque_command if by_torque else log.goal) is not None for log, by_torque in logs)
+    logs = [(run.joints[name], each[name].command) for run, each in zip(runs, models, strict=True)]
+    return all(getattr(log, command) is not None for log, command in logs)

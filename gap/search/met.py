@@ -36,7 +36,7 @@ def unmet(problem: JointProblem, variant: tuple[Parameter, ...], fitted: Mapping
         fitted: numbers of the fit, by path.
     """
     nominal = problem.models[0]
-    if nominal.by_torque:  # which pushes
+    if nominal.command != "goal":  # which pushes
         return False
     ends = [(STOPS[p.number], as_logged(fitted[p.path], fitted, nominal)) for p in variant if p.number in STOPS]
     without = {path: value for path, value in fitted.items() if path not in {p.path for p in variant}}

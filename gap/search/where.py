@@ -112,7 +112,8 @@ def _places(problem: Problem, simulated: np.ndarray, settings: SearchSettings) -
     position = problem.measured[:, 0] if name == "position" else signals["position"]
     if name != "position":
         unit = "rad" if problem.joint is None else problem.joint.models[0].axis.unit("rad")
-    command = unit if problem.joint is None or not problem.joint.models[0].by_torque else {"rad": "N.m", "m": "N"}[unit]
+    told = "goal" if problem.joint is None else problem.joint.models[0].command
+    command = {"goal": unit, "goal_velocity": f"{unit}/s"}.get(told, {"rad": "N.m", "m": "N"}[unit])
     places = (("at angles" if unit == "rad" else "at places", unit, position), ("at goals", command, signals["goal"]))
     for name, unit, values in places:
         finite = values[np.isfinite(values)]

@@ -117,5 +117,5 @@ def hidden_state(problem: JointProblem) -> bool:
 def _hidden_state(problem: JointProblem, run: int) -> bool:
     model = problem.models[run]
     constants = model.constants(problem.params[run], model.chain.program())
-    integral = model.chain.find("position_pi")
+    integral = model.chain.find("position_pi") or model.chain.find("velocity_pi")
     return bool(constants[K.coupled] > 0.0 or (integral is not None and integral.parameters()["integral"] > 0.0))

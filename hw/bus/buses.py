@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Collection, Mapping, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from typing import Any, TypeVar
@@ -306,14 +306,17 @@ class BusGroup:
         except BusError as error:
             raise self._named(name, error) from None
 
-    def check(self, ids: Sequence[int]) -> None:
+    def check(self, ids: Sequence[int], turning: Collection[int] = ()) -> None:
         """Make sure that servos are there, of their bus's model, and set up so that the bus can work with them.
+
+        Those of ``turning`` are told speeds, from now on.
 
         Raises:
             BusError: one is not.
         """
         for name, at in self._shares(ids).items():
-            self._told(name, lambda part, own: part.check(own), [local(ids[k]) for k in at])
+            turns = [local(ids[k]) for k in at if ids[k] in turning]
+            self._told(name, lambda part, own, turns=turns: part.check(own, turns), [local(ids[k]) for k in at])
 
     def ping(self, servo: int) -> int:
         """Model number of a servo."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Collection, Mapping, MutableMapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -69,8 +69,8 @@ class Bus(Protocol):
         """Each adapter, and the ids there of the servos among ``ids``."""
         ...
 
-    def check(self, ids: Sequence[int]) -> None:
-        """Make sure that servos are there and set up."""
+    def check(self, ids: Sequence[int], turning: Collection[int] = ()) -> None:
+        """Make sure that servos are there and set up; those of ``turning`` are told speeds."""
         ...
 
     def ping(self, servo: int) -> int:
@@ -92,7 +92,7 @@ class Bus(Protocol):
         velocity: float | Sequence[float] | np.ndarray | None = None,
         acceleration: float | Sequence[float] | np.ndarray | None = None,
     ) -> float:
-        """Send goals [rad]; clock behind it [s]."""
+        """Send goals [rad], or [rad/s] of servos that are told speeds; clock behind it [s]."""
         ...
 
     def torque_on(self, ids: Sequence[int], wanted: Callable[[], bool] = ...) -> bool:

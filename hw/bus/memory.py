@@ -78,17 +78,23 @@ class ServoMemory:
                     ) from None
         raise AssertionError("unreachable")
 
-    def unfit(self, servo: int, *, goals: bool = True) -> Iterator[BusError]:
+    def unfit(self, servo: int, *, goals: bool = True, turning: bool = False) -> Iterator[BusError]:
         """What is set up so that the host cannot work with a servo: what a run refuses, and what a scan tells.
 
         Args:
             servo: id.
             goals: whether it gets goals; False: it only measures.
+            turning: whether its goals are speeds: of a wheel.
 
         Raises:
             ReplyError: it does not answer.
         """
-        model = self.model
+        model, mode = self.model, self.model.speed_mode if turning else None
+        if turning and mode is None:
+            yield ConfigurationError(
+                f"servo {servo} is to turn a wheel, and a {model.name} has no mode for speeds.", [servo]
+            )
+            return
         if (number := self.ping(servo)) != model.model_number:
             yield WrongModelError(
                 f"servo {servo} reports model number {number}, but a {model.name} has {model.model_number}; give the "
@@ -100,6 +106,15 @@ class ServoMemory:
             if needed.goals and not goals:
                 continue
             count = self.read_register(servo, needed.register)
+            if mode is not None and needed.register == mode.register:
+                if count != mode.value:
+                    mend = model.setting(servo, {mode.register: mode.value}, self.line.path)
+                    yield ConfigurationError(
+                        f"servo {servo} has {count} in register '{mode.register}', and turns a wheel; write "
+                        f"{mode.value}, velocity mode ({mend}).",
+                        [servo],
+                    )
+                continue
             other = None if needed.above is None else self.read_register(servo, needed.above)
             if not needed.met(count, other):
                 mend = model.setting(servo, needed.mended(count, model), self.line.path)

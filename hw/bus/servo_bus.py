@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class ServoBus(ServoReadings):
         marks: value, by id, that the register which reveals a restart got when torque came on; None: there is no such
             register.
         watchdog: time without a request after which the servos stop by themselves [s], if they can; None: never.
+        turning: ids of the servos that are told speeds.
         threads: further threads that read the bus; here none.
     """
 
@@ -77,6 +78,7 @@ class ServoBus(ServoReadings):
         self.events: deque[tuple[float, BusError]] = self.line.events
         self.marks: dict[int, int | None] = {}
         self.watchdog = watchdog
+        self.turning: set[int] = set()
         self._switched_on: set[int] = set()
 
     def __enter__(self) -> ServoBus:
@@ -114,8 +116,12 @@ class ServoBus(ServoReadings):
 
     # --- checks ------------------------------------------------------------------------------------------------
 
-    def check(self, ids: Sequence[int]) -> None:
+    def check(self, ids: Sequence[int], turning: Collection[int] = ()) -> None:
         """Make sure that servos answer, are of the bus's model, and have settings that the bus can work with.
+
+        Args:
+            ids: of the servos.
+            turning: those that are told speeds, from now on.
 
         Raises:
             NoReplyError: one does not answer; the message says who does.
@@ -125,7 +131,7 @@ class ServoBus(ServoReadings):
         """
         for servo in ids:
             try:
-                for error in self.unfit(servo, goals=False):
+                for error in self.unfit(servo, goals=False, turning=servo in turning):
                     raise error
             except NoReplyError as error:
                 error.args = (f"{str(error).rstrip('.')}; {self._who_answers(ids)}.",)
@@ -133,6 +139,7 @@ class ServoBus(ServoReadings):
 
         for servo in ids:
             self._require_alone(servo)
+        self.turning |= set(turning)
 
     def _require_alone(self, servo: int) -> None:
         """Make sure that one servo answers under an id, by reading it often.
@@ -179,7 +186,7 @@ class ServoBus(ServoReadings):
 
         Args:
             ids: ids of the servos (n,).
-            position: goals (n,) [rad]; clipped to the turn of the encoder.
+            position: goals (n,) [rad], clipped to the turn of the encoder; of servos that are told speeds [rad/s].
             velocity: largest speed of the move (n,) [rad/s], one count of the register at least; 0: no limit; None:
                 the register keeps its value, or gets 0 if ``acceleration`` is given.
             acceleration: acceleration of the move (n,) [rad/s2], 0: no limit; None: likewise.
@@ -192,10 +199,44 @@ class ServoBus(ServoReadings):
                 finite.
             UnpluggedError: the adapter is gone.
         """
-        steps = self.to_steps(position)
-        if len(steps) != len(ids):
-            raise RegisterError(f"there are {len(steps)} goals for {len(ids)} servos.")
-        return self.write_goal_steps(ids, steps, velocity, acceleration)
+        if len(position) != len(ids):
+            raise RegisterError(f"there are {len(position)} goals for {len(ids)} servos.")
+        turns = np.array([servo in self.turning for servo in ids], bool)
+        if not turns.any():
+            return self.write_goal_steps(ids, self.to_steps(position), velocity, acceleration)
+        goals, sent = np.asarray(position, float), 0.0
+        if not turns.all():
+            pace = [
+                item if item is None or np.ndim(item) == 0 else np.asarray(item)[~turns]
+                for item in (velocity, acceleration)
+            ]
+            held = [servo for servo, turn in zip(ids, turns, strict=True) if not turn]
+            sent = self.write_goal_steps(held, self.to_steps(goals[~turns]), *pace)
+        turned = [servo for servo, turn in zip(ids, turns, strict=True) if turn]
+        return max(sent, self.write_speeds(turned, goals[turns]))
+
+    def write_speeds(self, ids: Sequence[int], speed: np.ndarray) -> float:
+        """Send speeds to servos that turn wheels (n,) [rad/s], in one packet, which no servo acknowledges.
+
+        Returns:
+            Host's monotonic clock when the packet went out [s].
+
+        Raises:
+            RegisterError: a speed is not finite, or the servos take none.
+            UnpluggedError: the adapter is gone.
+        """
+        if self.model.speed_mode is None:
+            raise RegisterError(f"a {self.model.name} has no mode for speeds.")
+        if not np.isfinite(speed).all():
+            raise RegisterError(f"a speed is not a finite number: {speed.tolist()}.")
+        register = self.model[self.model.speed_mode.goal]
+        counts = np.clip(np.rint(speed / self.model.si(register.name)), register.low, register.high)
+        return self.line.send_all(register.address, ids, [register.to_bytes(int(count)) for count in counts])
+
+    def _turns(self, servo: int) -> bool:
+        """Whether a servo is in the mode for speeds, as far as the bus was told, or as its register says."""
+        mode = self.model.speed_mode
+        return servo in self.turning or (mode is not None and self.read_register(servo, mode.register) == mode.value)
 
     def write_goal_steps(
         self,
@@ -345,6 +386,10 @@ class ServoBus(ServoReadings):
             BusError: a servo failed.
         """
         self._watch(ids, None)
+        if turning := [servo for servo in ids if self._turns(servo)]:
+            self._stand(turning)
+        if not (ids := [servo for servo in ids if servo not in turning]):
+            return
         goals = np.clip(self.read_state(ids).raw["present_position"], 0, self.model.steps - 1)
         register = self.model["goal_position"]
 
@@ -353,6 +398,24 @@ class ServoBus(ServoReadings):
             for servo, goal in zip(ids, goals, strict=True):
                 if self.read_register(servo, register.name) != goal:
                     raise NotWrittenError(f"servo {servo} did not take its position as its goal; try again.", [servo])
+
+        self._repeat_unwritten(write)
+
+    def _stand(self, ids: Sequence[int]) -> None:
+        """Make 0 the speed of servos that turn wheels, and make sure that it arrived.
+
+        Raises:
+            NotWrittenError: a servo has another one.
+            BusError: a servo failed.
+        """
+        assert self.model.speed_mode is not None
+        name = self.model.speed_mode.goal
+
+        def write() -> None:
+            self.write_speeds(ids, np.zeros(len(ids)))
+            for servo in ids:
+                if self.read_register(servo, name) != 0:
+                    raise NotWrittenError(f"servo {servo} did not take 0 as its speed; try again.", [servo])
 
         self._repeat_unwritten(write)
 
@@ -389,8 +452,13 @@ class ServoBus(ServoReadings):
         return failed
 
     def tell_off(self, ids: Sequence[int]) -> BusError | None:
-        """Tell all servos in one packet, which none acknowledges, to switch torque off; the error if sending failed."""
+        """Tell all servos in one packet, which none acknowledges, to switch torque off; the error if sending failed.
+
+        Wheels are told to stand first: a program that switches torque on again must not find a speed.
+        """
         try:
+            if turning := [servo for servo in ids if servo in self.turning]:
+                self.write_speeds(turning, np.zeros(len(turning)))
             self.line.send_all(self.model["torque_enable"].address, ids, [b"\0"] * len(ids))
         except BusError as error:
             return error

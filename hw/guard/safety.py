@@ -26,6 +26,7 @@ CHANGED = {
     "voltage": "",  # its words have the key
 }
 """What a person may change where that is not the limit of the same name alone, by name of the fault."""
+BLOCKED = 0.5  # of its speed without load, by which a wheel turns slower than it is told where it is blocked; assumed
 JUMP = 5.0  # periods at most for which a goal may make up after a stall
 
 
@@ -73,7 +74,8 @@ class Safety:
         fastest, given = np.array([item.speed * GOAL_SPEED for item in abilities]), limits.by_joint("goal_speed", robot)
         self._goal_speed = np.where(np.isnan(given), fastest, given)
         self._following = Following(abilities, limits.by_joint("following_error", robot), period)
-        self._too_fast = np.zeros(len(robot.joints))
+        self._fastest = np.array([item.speed for item in abilities])
+        self._too_fast, self._blocked = np.zeros(len(robot.joints)), np.zeros(len(robot.joints))
         self._wanted: np.ndarray | None = None
         self._over: set[tuple[str, int]] = set()
         self._read_at = self._asked_at = math.nan
@@ -83,6 +85,8 @@ class Safety:
         """Refuse limits so far that they would never stop a joint; one that a person puts out of the way may pass."""
         for key in POSITIONS:
             for k, limit in enumerate(self.limits.by_joint(key, self._robot)):
+                if self._robot.turning[k]:
+                    continue
                 ends = float(self._robot.low[k]), float(self._robot.high[k])
                 if math.isfinite(limit) and (reason := never_stops(float(limit), ends, self._robot.units[k], TIMES)):
                     raise SealegsError(f"safety.{key} of joint {self._robot.names[k]} {reason}")
@@ -118,7 +122,7 @@ class Safety:
         stepped = goals
         if "goal_speed" not in self.limits.log_only:
             step = self._goal_speed * dt
-            stepped = np.clip(goals, last - step, last + step)
+            stepped = np.where(self._robot.turning, goals, np.clip(goals, last - step, last + step))
         admitted = np.clip(stepped, self._robot.low, self._robot.high)
         self.cut["speed"] += int((stepped != goals).any())
         self.cut["range"] += int((admitted != stepped).any())
@@ -127,6 +131,7 @@ class Safety:
     def _sustained(self, goals: np.ndarray, dt: float) -> Fault | None:
         """Goals that stay faster than they may be."""
         speed = np.zeros(len(goals)) if self._wanted is None else np.abs(goals - self._wanted) / dt
+        speed = np.where(self._robot.turning, 0.0, speed)
         self._wanted = goals
         self._too_fast = self._lasting(speed > self._goal_speed, self._too_fast, dt)
         text = (
@@ -172,7 +177,13 @@ class Safety:
         watch = self._following
         missing = () if reading.state is None else reading.state.missing
         fresh = np.array([joint.address not in missing for joint in self._robot.joints])
-        watch.see(goal, reading.position, fresh, reading.after)
+        turning, dt = self._robot.turning, self._period
+        watch.see(np.where(turning, reading.position, goal), reading.position, fresh, reading.after)
+        slower = np.abs(goal - reading.velocity) * turning
+        self._blocked = self._lasting(slower > BLOCKED * self._fastest, self._blocked, dt)
+        text = "turns {0:.3g} {3}/s slower than it is told for {1:g} s: it is blocked, or its supply is weak"
+        if fault := self._first("following", self._blocked, text, slower, self._fastest):
+            return fault
         text = (
             "has been more than {2:.2g} {3} behind its goal for {1:g} s, at last {0:.2g} {3}: it is blocked or blind, "
             "or its goals are too fast for it (robot.safety.following_error; a smaller reach= slows an excitation)"
@@ -195,8 +206,9 @@ class Safety:
             Goals (k,) [rad or m]; how fast the goals before them were counts no more.
         """
         near = np.clip(sent, position - self._following.limits, position + self._following.limits)
-        self._wanted, self._too_fast = np.clip(near, self._robot.low, self._robot.high), np.zeros(len(near))
-        return self._wanted
+        near = np.where(self._robot.turning, 0.0, np.clip(near, self._robot.low, self._robot.high))
+        self._wanted, self._too_fast = near, np.zeros(len(near))
+        return near
 
     # --- measurements ------------------------------------------------------------------------------------------
 
@@ -211,6 +223,7 @@ class Safety:
         limits, values = self.limits, reading
         self._over_current = self._lasting(np.abs(values.current) > limits.current, self._over_current, dt)
         beyond = np.maximum(self._robot.low - values.position, values.position - self._robot.high)
+        beyond = np.where(self._robot.turning, -math.inf, beyond)
         checks = (
             ("range", beyond, self._margin, "is {0:.3f} {2} beyond its range; {1:g} {2} are tolerated"),
             ("speed", np.abs(values.velocity), self._speed, "moves at {0:.3g} {2}/s; its limit is {1:g} {2}/s"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +12,7 @@ from ...common.errors import SealegsError
 from ...configs.check import Natural, Positive, checked, checked_fields
 from ...envs.engine.robot import Robot
 from ..bus.registers import ServoModel
-from .joints import MAIN, CalibrationError, Joint, Line, line_of
+from .joints import MAIN, CalibrationError, Joint, Line, line_of, turning_joints
 
 PAIR = "{} is {!r}; it takes two numbers, the lower one first, such as [-1.0, 1.0]."
 
@@ -69,7 +69,13 @@ def read_joints(path: Path, robot: Robot, servo: ServoModel, lines: Sequence[Lin
                 f"{path}: joint {joint.name} was calibrated with servo {said} and has {model.name} now, whose steps "
                 "may mean other angles: calibrate again, or correct the servo that is wrong."
             )
-    return joints
+    limits, wheels = robot.limits, turning_joints(robot)
+    return [
+        replace(joint, turning=True, low=limits[joint.name][0], high=limits[joint.name][1])
+        if joint.name in wheels
+        else joint
+        for joint in joints
+    ]
 
 
 def _joint(name: str, row: _Row, line: Line) -> Joint:

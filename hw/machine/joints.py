@@ -114,6 +114,7 @@ class Joint:
         homing_offset: of the servo as it was calibrated [step], which shifts its steps; None: not known.
         per_radian: how far the joint moves per radian of the servo's shaft, behind a gear or a screw [rad or m].
         line: the bus that its servo is on.
+        turning: whether its goals are speeds: it is a wheel, and its range is of these [rad/s].
     """
 
     name: str
@@ -125,6 +126,7 @@ class Joint:
     homing_offset: int | None = None
     per_radian: float = 1.0
     line: Line = MAIN
+    turning: bool = False
 
     @property
     def address(self) -> int:
@@ -201,6 +203,8 @@ def check_joints(
             raise CalibrationError(
                 f"joint {joint.name} has the range {joint.low} to {joint.high} {unit}, which is none."
             )
+        if joint.turning:
+            continue
         _check_reach(joint, model, unit, joint.line.port if joint.line.name else port)
         low, high = limits[joint.name]
         if joint.high <= low or joint.low >= high:
@@ -281,7 +285,8 @@ def nominal_joints(
         zero = model.centre if gear is None else round(model.centre - 0.5 * (goals[0] + goals[1]) / scale)
         zero = zero if mounted.zero is None else mounted.zero
         low, high = sorted(scale * (at - zero) for at in (0, model.steps - 1))
-        low, high = max(goals[0], low), min(goals[1], high)
+        turning = item.name in turning_joints(robot)
+        low, high = goals if turning else (max(goals[0], low), min(goals[1], high))
         per_radian = abs(scale) / model.step
         found.append(
             Joint(
@@ -294,9 +299,15 @@ def nominal_joints(
                 homing_offset=None,
                 per_radian=per_radian,
                 line=line,
+                turning=turning,
             )
         )
     return found
+
+
+def turning_joints(robot: Robot) -> frozenset[str]:
+    """Joints of a robot's file whose goals are speeds: its wheels."""
+    return frozenset(() if robot.file is None else (item.name for item in robot.file.joints if item.by_speed))
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,9 @@ class ServoRobot:
         all_ids: of the servos, and behind them of the sensors.
         names: of the joints.
         model_names: what the robot's model calls them; of a belt over several joints its own name.
-        low, high: range of each joint (k,) [rad or m].
+        low, high: range of each joint (k,) [rad or m]; of a wheel that of its goals [rad/s].
+        turning: whether each joint is told speeds (k,).
+        turning_ids: of the servos of those.
         resolution: how far what a servo of ``all_ids`` measures goes in a step of its encoder [rad or m].
         units: of the joints, rad or m.
         imu: on its free base; None: it has none.
@@ -87,7 +89,10 @@ class ServoRobot:
         self.chains: dict[str, Chain] = {name: load_chain(source) for name, source in belief.items()}
         check_position_goals(robot, self.chains, "a servo takes")
         check_joints(self.joints, robot, servo, self.params, port)
+        self.turning = np.array([joint.turning for joint in self.joints], bool)
+        self._check_wheels()
         self.ids = [joint.address for joint in self.joints]
+        self.turning_ids = [joint.address for joint in self.joints if joint.turning]
         self.sensors = tuple(sensors)
         self.all_ids = [*self.ids, *(sensor.address for sensor in self.sensors)]
         used = {item.line.number: item.line for item in (*self.joints, *self.sensors)}
@@ -114,6 +119,17 @@ class ServoRobot:
         self.imu = robot.imu
         self.log_base = [*self.base_names, *(COLUMNS if robot.imu is not None else ())]
 
+    def _check_wheels(self) -> None:
+        """Refuse chains that take another kind of goals than the robot's file says."""
+        for joint in self.joints:
+            told = self.chains[joint.name].command == "goal_velocity"
+            if told != joint.turning:
+                here, there = ("speeds", "positions") if told else ("positions", "speeds")
+                raise SealegsError(
+                    f"the chain of joint {joint.name} is told {here}, and the one in the robot's file {there}: change "
+                    "it there."
+                )
+
     # --- units -------------------------------------------------------------------------------------------------
 
     def reading(self, state: ServoState, last: Reading | None = None, sample: ImuSample | None = None) -> Reading:
@@ -130,6 +146,10 @@ class ServoRobot:
         before = before if last is None or last.taken is None else last.taken
         taken = np.where([servo in state.missing for servo in self.all_ids], before, now)
         place = self._scales * (state.position - self._zeros)
+        if last is not None and self.turning.any():  # wheels count on over the seam of their turn
+            around = np.abs(2.0 * np.pi * self._scales[:k])
+            counted = place[:k] + around * np.round((last.position - place[:k]) / around)
+            place[:k] = np.where(self.turning, counted, place[:k])
         side, sign = self._scales[:k], self._signs
         base = place[self._base]
         speed = np.zeros(len(base))
@@ -167,9 +187,13 @@ class ServoRobot:
         return fresh[: len(self.joints)], fresh[self._links], fresh[self._base]
 
     def to_servo(self, position: np.ndarray) -> np.ndarray:
-        """Angles of the servos' shafts (k,) [rad] from angles of the joints (k,) [rad]."""
+        """Goals of the servos' shafts (k,) from goals of the joints (k,): angles [rad], of wheels speeds [rad/s]."""
         k = len(self.joints)
-        return position / self._scales[:k] + self._zeros[:k]
+        return position / self._scales[:k] + np.where(self.turning, 0.0, self._zeros[:k])
+
+    def staying(self, position: np.ndarray) -> np.ndarray:
+        """Goals with which joints stay where they are (k,): their positions within their ranges, of wheels 0."""
+        return np.where(self.turning, 0.0, np.clip(position, self.low, self.high))
 
     # --- contract ----------------------------------------------------------------------------------------------
 

@@ -167,8 +167,10 @@ def check_joint(bus: ServoBus, joint: Joint) -> None:
     Raises:
         ConfigurationError: it is not.
     """
-    for error in bus.unfit(joint.id):
+    for error in bus.unfit(joint.id, turning=joint.turning):
         raise error
+    if joint.turning:  # it has no place that it must reach
+        return
     model = bus.model
     calibrated, offset = joint.homing_offset, bus.read_role(joint.id, "homing_offset")
     if calibrated is not None and calibrated != offset:
@@ -243,7 +245,7 @@ def opened_bus(
         within = any(isinstance(port, BusPort) for port in ports.values())  # one clock, which passes with each word
         numbers = {line.name: line.number for line in robot.lines}
         bus = parts[""] if alone else BusGroup(parts, numbers, parallel=not within)
-        bus.check(robot.all_ids)
+        bus.check(robot.all_ids, robot.turning_ids)
         for joint in robot.joints:
             check_joint(parts[joint.line.name], joint)
     except BaseException:

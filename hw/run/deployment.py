@@ -214,7 +214,7 @@ def dry_run(deployment: Deployment, bus: Bus, say: Callable[[str], None], imu: I
             say(f"  safety would stop here: {fault.sentence}")
             return
         start = deployment.commands.start()
-        last = (reading.position if start is None else start) if last is None else last
+        last = (robot.staying(reading.position) if start is None else start) if last is None else last
         wanted = deployment.commands.goals(cycle * period, reading)
         admitted = safety.admit(wanted, np.clip(last, robot.low, robot.high))
         if not isinstance(admitted, np.ndarray):
@@ -450,4 +450,5 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
     word = robot.robot.name if robot.robot.file is None else os.path.relpath(robot.robot.file.path, folder.absolute())
     sidecar = make_sidecar(word, params, robot.belief, meta)
     signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
-    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.log_base)
+    told = {name: "goal_velocity" for name, turns in zip(robot.names, robot.turning, strict=True) if turns}
+    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.log_base, told)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...common.errors import SealegsError, nearest
-from ..machine.limits import ByJoint, by_pattern, usual_reach
+from ..machine.limits import SHARE, ByJoint, by_pattern, usual_reach
 from ..machine.robot import ServoRobot
 from .commands import Trajectory
 
@@ -58,7 +58,7 @@ def _reaches(robot: ServoRobot, reach: ByJoint | None) -> dict[str, float]:
         # a plain number is meant for hinges where no slide could go so far
         far = own is not None and own > half and unit == "m" and "rad" in robot.units
         if own is None or (far and not isinstance(reach, Mapping)):
-            own = usual_reach(half, unit)
+            own = SHARE * half if joint.turning else usual_reach(half, unit)
         if not 0.0 < own <= half:
             raise SealegsError(
                 f"reach is {own:g} {unit}; joint {joint.name} has {half:.2f} {unit} to either side: leave reach out "

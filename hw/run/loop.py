@@ -201,7 +201,7 @@ class ControlLoop:
             return None
         try:
             here = self._put_together(self.bus.read_state(self.robot.all_ids))
-            self.sent = np.clip(here.position, self.robot.low, self.robot.high)  # goals go on from there
+            self.sent = self.robot.staying(here.position)  # goals go on from there
             if (start := self.commands.start()) is None:
                 return None
             fault = self._approach(np.clip(start, self.robot.low, self.robot.high))
@@ -221,7 +221,7 @@ class ControlLoop:
         if slow is not None and (fault := self._named("slow", slow)) is not None:
             return fault
         self.reading = self._read_once()
-        self.sent = np.clip(self.reading.position, self.robot.low, self.robot.high)  # nothing lags before it is told to
+        self.sent = self.robot.staying(self.reading.position)  # nothing lags before it is told to
         fault = self._judge(self.reading)
         return None if fault is None else replace(fault, sentence=f"before torque came on: {fault.sentence}")
 

@@ -66,6 +66,7 @@ class MeasuredLog:
         joints: Sequence[str],
         signals: Sequence[str],
         base: Sequence[str],
+        told: Mapping[str, str] | None = None,
     ) -> None:
         """Make the files; the sidecar is on the disk before the first row.
 
@@ -76,6 +77,7 @@ class MeasuredLog:
             joints: in the order of rows.
             signals: of each joint, of those the format knows.
             base: columns ``base.*``.
+            told: column of a joint's goals, by joint, where that is not ``goal``.
 
         Raises:
             LogError: there is such a log, or the disk refuses.
@@ -85,7 +87,9 @@ class MeasuredLog:
         self.path, self.events_path = folder / f"{name}.csv", folder / f"{name}.events.jsonl"
         self.signals, self.base = tuple(signals), len(base)
         self.rows = 0
-        columns = ["time", *(f"{joint}.{signal}" for joint in joints for signal in signals)]
+        goals = dict.fromkeys(joints, "goal") | dict(told or {})
+        named = [f"{joint}.{goals[joint] if signal == 'goal' else signal}" for joint in joints for signal in signals]
+        columns = ["time", *named]
         columns += [*(f"base.{item}" for item in base), *(f"host.{item}" for item in HOST)]
         columns += [f"host.{joint}_status" for joint in joints]
         self._format = ",".join(

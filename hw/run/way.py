@@ -24,7 +24,7 @@ class Way:
     def __init__(self, robot: ServoRobot, first: np.ndarray, last: np.ndarray) -> None:
         """Plan it, from the goals ``first`` to ``last`` (k,) [rad or m]."""
         self._per_radian = np.array([joint.per_radian for joint in robot.joints])
-        self._first, self._last = first, last
+        self._first, self._last, self._turning = first, last, robot.turning
         self.noted: deque[list[float]] = deque(maxlen=KEPT)
         self.span = float((np.abs(last - first) / self._per_radian).max()) / SPEED
 
@@ -39,4 +39,5 @@ class Way:
 
     def is_there(self, position: np.ndarray) -> bool:
         """Whether all joints, at ``position`` (k,) [rad or m], are close to its end."""
-        return bool((np.abs(position - self._last) < ARRIVED * self._per_radian).all())
+        away = np.where(self._turning, 0.0, np.abs(position - self._last))
+        return bool((away < ARRIVED * self._per_radian).all())

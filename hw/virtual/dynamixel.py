@@ -16,7 +16,7 @@ from .machine import Drive
 
 BOOT = 0.5  # [s] silent after a reboot; assumed
 OVERLOADED, LOADED_FOR = 0.9, 2.0  # share of the duty limit, and for how long [s], that count as overload; assumed
-POSITION, EXTENDED = 3, 4  # operating modes that are simulated
+VELOCITY, POSITION, EXTENDED = 1, 3, 4  # operating modes that are simulated; the first of wheels alone
 STOPPED = -1
 TORQUE_AT_BOOT = 1  # bit of startup_configuration
 GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
@@ -132,6 +132,8 @@ class DynamixelServo(Firmware):
             self._goal = float(self.get("goal_position") - self.get("homing_offset"))
             if not self.get("profile_velocity"):
                 self.target = self._goal
+        if self.wheel and before == ON and not self.get("profile_acceleration"):
+            self.speed = self._wanted_speed
         return 0
 
     def _check(self, register: Register, count: int) -> int:
@@ -144,9 +146,12 @@ class DynamixelServo(Firmware):
             return wire.RANGE
         if not register.low <= count <= register.high:
             return wire.RANGE
-        if name == "operating_mode" and count not in (POSITION, EXTENDED):
+        if name == "operating_mode" and count not in ((VELOCITY,) if self.wheel else (POSITION, EXTENDED)):
+            known = (
+                "1 (velocity), as its chain is told speeds" if self.wheel else "3 (position) and 4 (extended position)"
+            )
             self.refused = (
-                f"virtual Dynamixels know the operating modes 3 (position) and 4 (extended position); servo {self.id} "
+                f"virtual Dynamixels know the operating modes {known}; servo {self.id} "
                 f"was asked for {count} and stays in {self.get('operating_mode')}."
             )
             return wire.RANGE
@@ -155,7 +160,11 @@ class DynamixelServo(Firmware):
         if name == "goal_position" and self.get("operating_mode") == POSITION:
             inside = self.get("min_position_limit") <= count <= self.get("max_position_limit")
             return 0 if inside else wire.LIMIT
-        for goal, limit in (("goal_pwm", "pwm_limit"), ("goal_current", "current_limit")):
+        for goal, limit in (
+            ("goal_pwm", "pwm_limit"),
+            ("goal_current", "current_limit"),
+            ("goal_velocity", "velocity_limit"),
+        ):
             if name == goal and abs(count) > self.get(limit):
                 return wire.LIMIT
         return 0
@@ -167,6 +176,8 @@ class DynamixelServo(Firmware):
             self._goal = self.target = float(self.sensors.steps)  # it holds where it is
             self.put("goal_position", self._shown())
             self._profile_speed = 0.0
+        if wanted == OFF:
+            self.speed = 0.0
         self._loaded_since = None
 
     # --- motion ------------------------------------------------------------------------------------------------
@@ -174,11 +185,23 @@ class DynamixelServo(Firmware):
     @property
     def in_profile(self) -> bool:
         """Whether the set-point is on its way, so that it must be carried on in small steps."""
+        if self.wheel:
+            return self.get("torque_enable") == ON and self.speed != self._wanted_speed
         return self.get("torque_enable") == ON and self.target != self._goal
+
+    @property
+    def _wanted_speed(self) -> float:
+        """Goal of the speed [step/s]; 0 once its bus watchdog has stopped it."""
+        stopped = self.get("bus_watchdog") == STOPPED
+        return 0.0 if stopped else self.get("goal_velocity") * self.model.si("goal_velocity") / self.model.step
 
     def move_target(self, span: float) -> None:
         """Carry the set-point on by ``span`` seconds."""
         step = self.model.step
+        if self.wheel:
+            most = self.get("profile_acceleration") * self.model.si("profile_acceleration") / step
+            self.ramp(self._wanted_speed, most, span)
+            return
         speed = self.get("profile_velocity") * self.model.si("profile_velocity") / step or math.inf
         ramp = self.get("profile_acceleration") * self.model.si("profile_acceleration") / step
         left = self._goal - self.target
@@ -207,6 +230,8 @@ class DynamixelServo(Firmware):
             duty=min(allowed, 1.0),
             gain=share(self.get("position_p_gain"), self._gain),
             damping=share(self.get("position_d_gain"), self._damping),
+            speed_gain=share(self.get("velocity_p_gain"), self.model["velocity_p_gain"].default),
+            speed_integral=share(self.get("velocity_i_gain"), self.model["velocity_i_gain"].default),
             volts=volts,
         )
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from ..bus.packets import RegisterError
 from ..bus.registers import BYTE_ORDER, ServoModel
 
 TICK = 0.005  # [s] between two looks at protection, velocity and temperature; assumed
@@ -44,6 +46,8 @@ class Firmware:
         forgetful: whether it keeps nothing that is written from now on, once its power is off.
         latched: whether it is overloaded, until torque is switched off or it restarts.
         refused: the latest request that it could not follow because that is not simulated, in a sentence.
+        wheel: whether it turns a wheel, by a chain that is told speeds.
+        speed: of its wheel at the moment, as its ramp has it [step/s].
     """
 
     def __init__(self, model: ServoModel, servo_id: int, joint: int, bus: str = "") -> None:
@@ -72,6 +76,7 @@ class Firmware:
         self.frozen: int | None = None
         self.unsigned = self.latched = self.locked = self.forgetful = False
         self.refused: str | None = None
+        self.wheel, self.speed = False, 0.0
         self.target = 0.0
         self._history: list[int] = []
         self._velocity = 0.0  # [step/s]
@@ -115,6 +120,22 @@ class Firmware:
         """Set a register for good, as somebody did before."""
         self._put(self._stored, name, count)
         self._put(self.memory, name, count)
+
+    def turn_wheel(self) -> None:
+        """Work in the mode for speeds, as somebody set it up.
+
+        Raises:
+            RegisterError: this model has none.
+        """
+        if (mode := self.model.speed_mode) is None:
+            raise RegisterError(f"a {self.model.name} has no mode for speeds, and cannot turn a wheel.")
+        self.wheel = True
+        self.set_up(mode.register, mode.value)
+
+    def ramp(self, wanted: float, most: float, span: float) -> None:
+        """Bring the wheel nearer to a speed [step/s], by ``most`` [step/s2] at most (0: any), within ``span`` [s]."""
+        step = most * span if most else math.inf
+        self.speed += min(max(wanted - self.speed, -step), step)
 
     def _role(self, role: str) -> str:
         name = self.model.role(role)

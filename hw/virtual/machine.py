@@ -15,6 +15,7 @@ from ...actuators.layout import S_CURRENT, S_DUTY, S_READY, S_TORQUE
 from ...actuators.stages import build_stage
 from ...common.errors import SealegsError, nearest
 from ...envs.engine.base import BaseLayout
+from ...envs.engine.model_loops import Loops
 from ...envs.engine.model_ties import in_turn, place_followers
 from ...envs.engine.position_goals import check_position_goals
 from ...envs.engine.robot import ChainSource, Robot
@@ -41,6 +42,7 @@ class Drive:
         damping: share of its damping, where it has one.
         startup: share of its minimum duty, where it has one.
         dead_zone: share of its dead band, where it has one.
+        speed_gain, speed_integral: shares of the gains of its speed loop, where it has one.
         volts: supply voltage in place of the chain's [V]; None: the chain's.
     """
 
@@ -50,6 +52,8 @@ class Drive:
     damping: float = 1.0
     startup: float = 1.0
     dead_zone: float = 1.0
+    speed_gain: float = 1.0
+    speed_integral: float = 1.0
     volts: float | None = None
 
 
@@ -122,6 +126,11 @@ class Machine:
         if pose:
             self._place(pose)
         place_followers(self.model, in_turn(self.model), self.data.qpos)
+        if (loops := Loops.of(self.drivetrain)) is not None:
+            loops.close(self.data.qpos)
+            for name in [name for name in self.names if self._base[name].command == "goal"]:
+                at = self.drivetrain.position(name, self.data.qpos, "link")
+                self.data.ctrl[self.drivetrain.actuator_ids[name]] = at
         install()
         mujoco.mj_forward(self.model, self.data)
         self._check_stands(robot.name)
@@ -139,7 +148,8 @@ class Machine:
         for item in self.drivetrain.coordinates:
             angle = self.drivetrain.position(item.name, self.data.qpos, "link")
             self.drivetrain.set_position(item.name, self.data.qpos, np.asarray(angle))
-            self.data.ctrl[self.drivetrain.actuator_ids[item.name]] = angle
+            if self._base[item.name].command == "goal":
+                self.data.ctrl[self.drivetrain.actuator_ids[item.name]] = angle
 
     def _check_stands(self, robot: str) -> None:
         """Refuse, before anybody relies on it, a machine that cannot even be simulated where it stands.
@@ -190,7 +200,7 @@ class Machine:
             )
 
     def set_goal(self, joint: int, angle: float) -> None:
-        """Position goal of a joint's chain [rad]; an encoder that drives nothing takes none."""
+        """Goal of a joint's chain [rad; of a wheel rad/s]; an encoder that drives nothing takes none."""
         if joint >= len(self.names):
             return
         self.data.ctrl[self._actuators[joint]] = angle
@@ -209,9 +219,13 @@ class Machine:
             actuator = self._actuators[joint]
             goal = self.data.ctrl[actuator]
             self._states[joint][S_READY] = 0.0
-            self.data.ctrl[actuator] = self.reading(joint)
+            self.data.ctrl[actuator] = 0.0 if self.by_speed(joint) else self.reading(joint)
             mujoco.mj_forward(self.model, self.data)
             self.data.ctrl[actuator] = goal
+
+    def by_speed(self, joint: int) -> bool:
+        """Whether a joint's chain is told speeds."""
+        return joint < len(self.names) and self._base[self.names[joint]].command == "goal_velocity"
 
     def position(self, joint: int) -> float:
         """Position of a joint's motor side, or of an encoder that drives nothing [rad], true."""
@@ -306,6 +320,8 @@ def _driven(chain: Chain, drive: Drive) -> Chain:
     for path, share in (
         *((f"{stage}.gain", drive.gain) for stage in ("position_p", "position_pd", "position_pi")),
         ("position_pd.damping", drive.damping),
+        ("velocity_pi.gain", drive.speed_gain),
+        ("velocity_pi.integral", drive.speed_integral),
         ("minimum_duty.value", drive.startup),
         ("dead_band.width", drive.dead_zone),
     ):

@@ -118,6 +118,8 @@ class Rig:
         self.sense()
         for servo in self.servos:
             servo.allow_voltage(servo.sensors.voltage)
+            if machine.by_speed(servo.joint):
+                servo.turn_wheel()
             for name, count in (registers or {}).get(servo.bus, {}).items():
                 servo.model[name].encode(count)
                 servo.set_up(name, count)
@@ -191,6 +193,10 @@ class Rig:
 
     def _steer(self, servo: Servo | DynamixelServo) -> None:
         mount = self.mounts[servo.joint]
+        if self.machine.by_speed(servo.joint):
+            speed = mount.direction * mount.per_radian * servo.speed * servo.model.step
+            self.machine.set_goal(servo.joint, speed)
+            return
         goal = servo.goal_steps()
         if servo.frozen is not None:  # its loop sees the error to where the sensor is stuck
             goal += self.steps(servo.joint, self.machine.reading(servo.joint)) - servo.frozen

@@ -30,7 +30,8 @@ class Servo(Firmware):
 
     def __init__(self, model: ServoModel, servo_id: int, joint: int, bus: str = "") -> None:
         super().__init__(model, servo_id, joint, bus)
-        self._factory = {name: model[name].default for name in ("p_gain", "d_gain", "startup_force", "cw_dead_zone")}
+        settings = ("p_gain", "d_gain", "startup_force", "cw_dead_zone", "velocity_p_gain", "velocity_i_gain")
+        self._factory = {name: model[name].default for name in settings if name in model.registers}
         self.boot(0.0, 0.0)
 
     def absent(self, name: str) -> int:
@@ -112,9 +113,12 @@ class Servo(Firmware):
         enabled = self.get("torque_enable")
         mode = self.model["operating_mode"].address if "operating_mode" in self.model.registers else -1
         for at, byte in enumerate(data, start):
-            if at == mode and byte not in MODES:
+            if at == mode and byte not in ((MODE_VELOCITY,) if self.wheel else MODES):
+                known = (
+                    "0 (position) and 1 (velocity)" if not self.wheel else "1 (velocity), as its chain is told speeds"
+                )
                 self.refused = (
-                    f"virtual servos know the operating modes 0 (position) and 1 (velocity); servo {self.id} was asked "
+                    f"virtual servos know the operating modes {known}; servo {self.id} was asked "
                     f"for {byte} and stays in {self.memory[at]}."
                 )
             elif at in self._writable:
@@ -128,6 +132,8 @@ class Servo(Firmware):
             self._switch(enabled, now)
         if self.model["goal_position"].address in touched:
             self._new_goal()
+        if self.wheel and enabled == ON and not self.get("acceleration"):
+            self.speed = self._wanted_speed
         if self.model["max_torque"].address in touched:
             self.put("torque_limit", self.get("max_torque"))  # assumed: at once, not only at power-on
 
@@ -138,6 +144,7 @@ class Servo(Firmware):
             self._calibrate(self.model.centre)
             return
         if wanted == OFF:
+            self.speed = 0.0
             self._overload_since = self._overcurrent_since = None
             self.latched = self._released = False
         elif before == OFF:
@@ -192,15 +199,25 @@ class Servo(Firmware):
             self.target = self._goal
 
     @property
+    def _wanted_speed(self) -> float:
+        """Goal of the speed [step/s]."""
+        return float(self.get("goal_velocity") * (1 if self.get("phase") & 4 else 50))
+
+    @property
     def in_profile(self) -> bool:
         """Whether the set-point is on its way, so that it must be carried on in small steps."""
         if self.get("torque_enable") != ON:
             return False
         mode = self.get("operating_mode")
+        if self.wheel:
+            return self.speed != self._wanted_speed
         return mode == MODE_VELOCITY or (mode == MODE_POSITION and self.target != self._goal)
 
     def move_target(self, span: float) -> None:
         """Carry the set-point on by ``span`` seconds."""
+        if self.wheel:
+            self.ramp(self._wanted_speed, 100.0 * self.get("acceleration"), span)
+            return
         if self.get("operating_mode") == MODE_VELOCITY:
             unit = 1 if self.get("phase") & 4 else 50
             self.target += self.get("goal_velocity") * unit * span
@@ -243,6 +260,8 @@ class Servo(Firmware):
             gain=share(self.get("p_gain"), self._factory["p_gain"]),
             damping=share(self.get("d_gain"), self._factory["d_gain"]),
             startup=share(self.get("startup_force"), self._factory["startup_force"]),
+            speed_gain=share(self.get("velocity_p_gain"), self._factory["velocity_p_gain"]) if self.wheel else 1.0,
+            speed_integral=share(self.get("velocity_i_gain"), self._factory["velocity_i_gain"]) if self.wheel else 1.0,
             dead_zone=0.5 * (self.get("cw_dead_zone") + self.get("ccw_dead_zone")) / self._factory["cw_dead_zone"],
             volts=volts,
         )

@@ -53,7 +53,7 @@ def test_every_chain_that_is_shipped_turns_with_its_joint(name: str, ticks: int,
 
 def holding(stage: Stage) -> Chain:
     """A servo with a stage where it belongs."""
-    if stage.gives is Quantity.TORQUE and stage.takes == (Quantity.POSITION_GOAL,):
+    if stage.gives is Quantity.TORQUE and stage.takes in ((Quantity.POSITION_GOAL,), (Quantity.SPEED_GOAL,)):
         return Chain((stage,))
     delay, controller, *drive, friction = load_chain(SERVO).stages
     if stage.gives is Quantity.DUTY:

@@ -333,3 +333,40 @@ def test_it_walks_as_fast_as_its_gait_with_every_foot_lifted() -> None:
 def test_a_number_that_it_has_not_is_told_in_a_sentence() -> None:
     with pytest.raises(SealegsError, match="did you mean 'body_mass'"):
         walk(Wave(), 0.1, {"body_mas": 10.0})
+
+
+BIPED: dict[str, Any] = {"cadence": 2.5, "lift": 0.01, "stand_share": 0.0, "start_noise": 0.0}
+
+
+def walked_by(robot: str, seconds: float, **arguments: Any) -> tuple[np.ndarray, bool]:
+    """Mean velocity and turn of a robot by its reference gait, after the first second, and whether it fell."""
+    engine = BatchEngine(WalkTask.on(robot)(**arguments), 1, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    fallen, seen = False, []
+    for step in range(round(seconds / engine.dt)):
+        action = np.zeros((1, len(engine.action_names)))
+        fallen |= bool(engine.step(action).terminated[0])
+        if step * engine.dt >= 1.0:
+            assert isinstance(engine.task, WalkTask)
+            velocity, turn, _ = engine.task.velocity(engine.motion(action))
+            seen.append([*velocity[0], turn[0]])
+    return np.mean(seen, axis=0), fallen
+
+
+def test_a_biped_of_twelve_hobby_servos_stands_on_them() -> None:
+    mean, fallen = walked_by("small_biped", 5.0, **BIPED | {"stand_share": 1.0})
+    assert not fallen
+    np.testing.assert_allclose(mean, 0.0, atol=0.01)
+    stance = WalkTask.on("small_biped").standing_of()
+    assert stance.feet == ("left_foot", "right_foot")
+    model = get_robot("small_biped").drivetrain().model
+    assert 1.0 < mujoco.mj_getTotalmass(model) < 1.5 and model.nu == 12
+
+
+def test_a_biped_walks_and_turns_by_its_reference_gait() -> None:
+    """Its soles kept their heading while it turned: it did not turn at all."""
+    mean, fallen = walked_by("small_biped", 4.0, forward=0.08, sideways=0.0, turn=0.0, **BIPED)
+    assert not fallen and abs(mean[0] - 0.08) < 0.02
+    mean, fallen = walked_by("small_biped", 4.0, forward=0.0, sideways=0.0, turn=0.3, **BIPED)
+    assert not fallen and abs(mean[3] - 0.3) < 0.08

@@ -107,7 +107,7 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
     models = {name: cut(simulated[name][:, 0]) for name in MODELS if name in simulated}
     measured = cut(problem.measured[:, 0])
     joint = problem.joint if problem.signal[0] == "position" else None
-    goal = None if joint is None or joint.models[0].by_torque else cut(joint.goal)  # a torque is no position
+    goal = None if joint is None or joint.models[0].command != "goal" else cut(joint.goal)  # no position
     return Timeline(
         np.concatenate(x),
         goal=goal,

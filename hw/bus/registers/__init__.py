@@ -134,6 +134,21 @@ class Requirement:
 
 
 @dataclass(frozen=True)
+class SpeedMode:
+    """How a servo is told speeds and not positions: a wheel.
+
+    Attributes:
+        register: of its operating mode.
+        value: count of that register.
+        goal: register of the speed.
+    """
+
+    register: str
+    value: int
+    goal: str
+
+
+@dataclass(frozen=True)
 class ServoModel:
     """A servo model: its number and its memory table.
 
@@ -155,6 +170,7 @@ class ServoModel:
         sync_read: whether several can be asked in one request.
         stops_short: steps by which its limits may stop short of a joint's range: some clamp a goal, others ignore it.
         shifts_seam: whether its homing offset moves the seam of its turn too, and not only its zero.
+        speed_mode: in which it is told speeds; None: it has none.
     """
 
     name: str
@@ -174,6 +190,7 @@ class ServoModel:
     sync_read: bool
     stops_short: int
     shifts_seam: bool
+    speed_mode: SpeedMode | None = None
 
     @property
     def step(self) -> float:
@@ -310,6 +327,7 @@ def _made(name: str, table: Mapping[str, Any]) -> ServoModel:
         sync_read=bool(table.get("sync_read", True)),
         stops_short=int(table.get("stops_short", 0)),
         shifts_seam=bool(table.get("shifts_seam", False)),
+        speed_mode=SpeedMode(**table["speed_mode"]) if table.get("speed_mode") else None,
     )
 
 
