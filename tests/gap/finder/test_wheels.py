@@ -1,0 +1,55 @@
+"""Logs of speed goals: what a hidden wheel does otherwise is found, by a plant that shares no code with the models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sealegs
+from sealegs.common.errors import SealegsError
+from testbed.wheel import Wheel, nominal, record_wheel
+
+MODEL = """<mujoco><worldbody><body name="rim"><joint name="wheel" axis="0 1 0"/>
+<inertial pos="0 0 0" mass="0.4" diaginertia="0.002 0.004 0.002"/></body></worldbody></mujoco>"""
+ROBOT = "model: wheel.xml\njoints:\n  wheel: {chain: sts3215_wheel, range: [-5, 5], damping: chain, armature: chain}\n"
+CAUSES = ("drive.delay", "drive.gain", "drive.goal_filter", "friction.coulomb", "friction.viscous", "friction.stribeck",
+          "drive.motor_constant", "load.inertia", "sensor.delay", "drive.offset", "drive.saturation")  # fmt: skip
+
+
+def logged(folder: Path, runs: int = 3, **hidden: float) -> tuple[list[dict[str, np.ndarray]], dict[str, Any]]:
+    """Columns of runs of a wheel that hides something, and their sidecar."""
+    (folder / "wheel.xml").write_text(MODEL)
+    (folder / "wheel.yaml").write_text(ROBOT)
+    sidecar = {"robot": str(folder / "wheel.yaml"), "actuators": {"wheel": nominal()}}
+    recorded = record_wheel(str(folder / "wheel.yaml"), Wheel(**hidden), runs=runs)
+    columns = [{"time": r.time} | {f"wheel.{k}": v for k, v in r.joints["wheel"].items()} for r in recorded]
+    return columns, sidecar
+
+
+def test_a_log_of_speeds_is_told_apart_from_one_of_positions(tmp_path: Path) -> None:
+    columns, sidecar = logged(tmp_path, runs=1)
+    with pytest.raises(
+        SealegsError, match="'wheel' has no goals but goal_velocity; give it a chain that is told speeds"
+    ):
+        sealegs.diagnose(columns, sidecar=sidecar | {"actuators": {"wheel": "sts3215"}})
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("hidden", "found"),
+    [
+        ({}, None),
+        ({"delay": 0.025}, "drive.delay"),
+        ({"integral": 2.6, "gain": 0.125}, "drive.gain"),
+        ({"coulomb": 0.15}, "friction.coulomb"),
+    ],
+)
+def test_what_a_wheel_hides_is_found_and_nothing_where_it_hides_nothing(
+    tmp_path: Path, hidden: dict[str, float], found: str | None
+) -> None:
+    columns, sidecar = logged(tmp_path, **hidden)
+    diagnosis = sealegs.diagnose(columns, sidecar=sidecar, causes=CAUSES)
+    assert [cause.name for cause in diagnosis.causes] == ([] if found is None else [found])
+    assert diagnosis.verdict == ("nothing to explain" if found is None else "explained")
