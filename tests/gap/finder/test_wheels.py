@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import sealegs
 from sealegs.common.errors import SealegsError
+
 from testbed.wheel import Wheel, nominal, record_wheel
 
 MODEL = """<mujoco><worldbody><body name="rim"><joint name="wheel" axis="0 1 0"/>
