@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ CAUSES = ("drive.delay", "drive.gain", "drive.goal_filter", "friction.coulomb", 
           "drive.motor_constant", "load.inertia", "sensor.delay", "drive.offset", "drive.saturation")  # fmt: skip
 
 
-def logged(folder: Path, runs: int = 3, **hidden: float) -> tuple[list[dict[str, np.ndarray]], dict[str, Any]]:
+def logged(
+    folder: Path, hidden: Mapping[str, float], runs: int = 3
+) -> tuple[list[dict[str, np.ndarray]], dict[str, Any]]:
     """Columns of runs of a wheel that hides something, and their sidecar."""
     (folder / "wheel.xml").write_text(MODEL)
     (folder / "wheel.yaml").write_text(ROBOT)
@@ -30,7 +33,7 @@ def logged(folder: Path, runs: int = 3, **hidden: float) -> tuple[list[dict[str,
 
 
 def test_a_log_of_speeds_is_told_apart_from_one_of_positions(tmp_path: Path) -> None:
-    columns, sidecar = logged(tmp_path, runs=1)
+    columns, sidecar = logged(tmp_path, {}, runs=1)
     with pytest.raises(
         SealegsError, match="'wheel' has no goals but goal_velocity; give it a chain that is told speeds"
     ):
@@ -50,7 +53,7 @@ def test_a_log_of_speeds_is_told_apart_from_one_of_positions(tmp_path: Path) -> 
 def test_what_a_wheel_hides_is_found_and_nothing_where_it_hides_nothing(
     tmp_path: Path, hidden: dict[str, float], found: str | None
 ) -> None:
-    columns, sidecar = logged(tmp_path, **hidden)
+    columns, sidecar = logged(tmp_path, hidden)
     diagnosis = sealegs.diagnose(columns, sidecar=sidecar, causes=CAUSES)
     assert [cause.name for cause in diagnosis.causes] == ([] if found is None else [found])
     assert diagnosis.verdict == ("nothing to explain" if found is None else "explained")
