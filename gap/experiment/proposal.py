@@ -220,10 +220,10 @@ def _apart(rivals: Sequence[str]) -> str:
 
 
 def _rivals(search: Search) -> list[Hypothesis]:
-    """The candidates that the first undecided round leaves, with what was accepted before it."""
+    """The candidates that the first undecided round leaves, beside the other causes that were accepted."""
     for k, step in enumerate(search.rounds):
         close = [*step.candidates[:1], *search.close(step)][:MAX_RIVALS]
-        before = merge(search.tuned, *(c.variant for c in search.accepted[:k]))
+        before = merge(search.tuned, *(c.variant for j, c in enumerate(search.accepted) if j != k))
         found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
         if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all
             fits = search.accepted[k - 1].fits if k else search.base

@@ -342,7 +342,7 @@ def near_misses(search: Search, most: int = 3) -> tuple[OpenCause, ...]:
     """Candidates of the last round that nearly were named, with what they lack and the sizes that both parts found."""
     from ..search import decide
 
-    steps = [step for step in search.record.steps if step.round.candidates]
+    steps = [step for step in search.record.steps if step.place is None and step.round.candidates]
     if not steps or steps[-1].winner is not None or not search.rounds or search.rounds[-1].accepted:
         return ()  # it ended otherwise, or only its record went on
     found = []

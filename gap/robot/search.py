@@ -189,9 +189,9 @@ def search_shared(
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on, start=start).run()
         sought.append(SharedFound(problem, search, tuned, rows))
         charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))
-        if search.record.steps[-1].round.excess < settings.far:
+        if search.record.last.round.excess < settings.far:
             break
-        if len(sought) == 2 and min(one.search.record.steps[-1].round.excess for one in sought) < settings.far:
+        if len(sought) == 2 and min(one.search.record.last.round.excess for one in sought) < settings.far:
             break  # no rotor is missing where what is left is small
     taken = [k for k, item in enumerate(sought) if item.search.accepted]
     return sought[min(taken, key=charged.__getitem__, default=0)]

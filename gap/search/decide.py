@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks.bootstrap import block_weights
-from .record import Evidence, Replacement, RoundRecord, SearchRecord
+from .record import Evidence, RoundRecord, SearchRecord
 from .settings import SearchSettings
 
 
@@ -228,20 +228,30 @@ def is_near(lacks: tuple[Shortfall, ...], standing: Standing, settings: SearchSe
     return 0 < len(lacks) <= 2 and seldom_worse
 
 
-def stands_in(trial: Replacement, settings: SearchSettings, seed: int) -> bool:
-    """Whether a cause takes the place of the one accepted before it, which pays no longer on top of it."""
-    last = trial.instead.candidates[0].name
-    if not finished(trial.again.excess, settings):
-        earlier = standings(trial.again, settings, seed)
-        if earlier and pays(trial.again, earlier[0], settings, further=False):
-            return False
-    order = standings(trial.instead, settings, seed)
-    return bool(order) and trial.instead.candidates[order[0].index].name == last
+def in_place(record: RoundRecord, order: list[Standing], own: str, settings: SearchSettings) -> str | None:
+    """The cause that stands in a place beside all the others; None where none is needed there.
+
+    Another takes it that is the best in most draws, and pays.
+
+    Args:
+        record: of the round without the one that stands there, which is among its candidates.
+        order: of its candidates.
+        own: name of the one that stands there.
+        settings: thresholds.
+    """
+    if not order or finished(record.excess, settings):
+        return None
+    first = record.candidates[order[0].index].name
+    if first != own and order[0].best > settings.least_win_rate and pays(record, order[0], settings, further=True):
+        return first
+    mine = next((one for one in order if record.candidates[one.index].name == own), None)
+    return own if mine is not None and pays(record, mine, settings, further=False) else None
 
 
-def rivals_of(record: RoundRecord, order: list[Standing], settings: SearchSettings) -> tuple[str, ...]:
-    """Names of the causes that cannot be told from the winner."""
-    return tuple(record.candidates[s.index].name for s in order[1:] if s.best > settings.rival_win_rate)
+def rivals_of(record: RoundRecord, order: list[Standing], chosen: str, settings: SearchSettings) -> tuple[str, ...]:
+    """Names of the causes that cannot be told from the one that was chosen."""
+    names = [record.candidates[s.index].name for s in order if s.best > settings.rival_win_rate]
+    return tuple(name for name in names if name != chosen)
 
 
 @dataclass(frozen=True)
@@ -271,25 +281,33 @@ def decide(record: SearchRecord, settings: SearchSettings) -> Decision:
     def decision(*, open: bool = False) -> Decision:
         return Decision(tuple(names), tuple(rivals), open)
 
+    ended = False
     for step in record.steps:
         this, seen = step.round, step.round.candidates
-        if len(names) >= settings.most_causes or finished(this.excess, settings):
-            return decision()
-        if not promising(this.excess, this.promise, settings):
-            return decision()
-        if not seen:
+        order = standings(this, settings, record.seed) if seen else []
+        if step.place is not None:
+            own = names[step.place]
+            chosen = in_place(this, order, own, settings)
+            if chosen != step.winner:
+                return decision(open=True)
+            here = slice(step.place, step.place + 1)
+            names[here] = [] if chosen is None else [chosen]
+            rivals[here] = [] if chosen is None else [rivals_of(this, order, chosen, settings)]
+            ended = ended and chosen == own
+            continue
+        if ended:  # it went on to look
+            break
+        over = len(names) >= settings.most_causes or finished(this.excess, settings)
+        over = over or not promising(this.excess, this.promise, settings)
+        if not over and not seen:
             return decision(open=True)
-        order = standings(this, settings, record.seed)
-        if not one_pays(this, order, settings, further=bool(names)):
-            return decision()
+        if over or not one_pays(this, order, settings, further=bool(names)):
+            if step.winner is not None:
+                break
+            ended = True
+            continue
         names.append(seen[order[0].index].name)
-        rivals.append(rivals_of(this, order, settings))
+        rivals.append(rivals_of(this, order, names[-1], settings))
         if names[-1] != step.winner:
             return decision(open=True)
-        for trial in step.replacements:
-            if stands_in(trial, settings, record.seed) != trial.happened:
-                return decision(open=True)
-            if trial.happened:
-                names[-2:] = names[-1:]
-                rivals[-2:] = [rivals_of(trial.instead, standings(trial.instead, settings, record.seed), settings)]
     return decision()

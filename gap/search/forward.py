@@ -16,9 +16,10 @@ from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from . import decide
 from .correlated import excess
+from .exchange import NEVER, exchanged
 from .fit import Fit, fit, merge, middle
-from .record import Evidence, Replacement, RoundRecord, SearchRecord, Step
-from .result import Candidate, Round, Search, among_rivals
+from .record import Evidence, RoundRecord, SearchRecord, Step
+from .result import Candidate, Round, Search
 from .rough import charged, rough_fits, to_try
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
@@ -26,7 +27,6 @@ from .simpler import at_bound, contradicted, elaborates, visited, without_fricti
 from .sketch import coarsened, most_iterations, sketch
 from .state import Found, Judged
 
-NEVER = float("nan")  # promise of a screen that was not run
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 
 
@@ -59,7 +59,7 @@ class Searcher:
     start: Mapping[str, float] | None = None
     led: tuple[str, ...] = ()
     outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
-    replaced: set[str] = field(default_factory=set, init=False)  # causes that a later one made redundant
+    replaced: set[str] = field(default_factory=set, init=False)  # causes in whose place another stands, or none
     optima: dict[frozenset[Parameter], float] = field(default_factory=dict, init=False)  # costs on the sketch
 
     def __post_init__(self) -> None:
@@ -82,17 +82,24 @@ class Searcher:
         self.progress("tuning the nominal model")
         base = self.judged(self.fit_both(self.tuned, self.start))
         found, fault = Found(base), ""
+        led = bool(self.led)  # what one run of many showed first is little of the loss of all of them
         try:
-            while len(found.accepted) < self.settings.most_causes and (self.step(found) or self.unled(found)):
-                pass
+            self.forward(found)
+            while not led and exchanged(self, found):
+                self.forward(found)
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"
             self.progress(fault)
         return Search(
-            self.tuned, accepted=among_rivals(found.accepted, found.rounds), rounds=tuple(found.rounds),
+            self.tuned, accepted=tuple(found.accepted), rounds=tuple(found.rounds),
             counts=self.counts, base=base.fits, causes=self.considered, settings=self.settings,
             record=SearchRecord(self.seed, tuple(found.steps)), fault=fault,
         )  # fmt: skip
+
+    def forward(self, found: Found) -> None:
+        """Add one cause after the other, until none pays."""
+        while len(found.accepted) < self.settings.most_causes and (self.step(found) or self.unled(found)):
+            pass
 
     def unled(self, found: Found) -> bool:
         """Whether causes led the last round, and none of them paid: now all are tried in its place."""
@@ -126,17 +133,8 @@ class Searcher:
         accepted.append(winner)
         found.current = self.of(winner)
         self.progress(Milestone(f"found {winner.cause.key} (removes {100 * winner.gain:.0f} % of what was left)"))
-        trials: list[Replacement] = []
-        while len(accepted) > 1:
-            trial, alone = self.replacement(accepted, rounds)
-            trials.append(trial)
-            if alone is None:
-                break
-            self.progress(f"which leaves nothing to explain for {accepted[-2].cause.key}")
-            self.replaced.add(accepted[-2].cause.key)
-            accepted[-2:], rounds[-2:] = [alone.candidates[0]], [alone]
-            found.current = self.of(alone.candidates[0])
-        steps[-1] = Step(record, winner.cause.key, tuple(trials))
+        steps[-1] = Step(record, winner.cause.key)
+        found.settled = winner.cause.key
         return True
 
     # --- fits and their judgement ----------------------------------------------------------------------------------
@@ -177,6 +175,10 @@ class Searcher:
             errors = part.residual(simulated)[0][: channels * int(part.judged.sum())]
             total, count = total + float(robust_loss(errors).sum()), count + len(errors)
         return Judged(fits, np.concatenate(blocks), total / max(count, 1))
+
+    def parameters(self, accepted: Sequence[Candidate]) -> list[Parameter]:
+        """What a model with these causes turns."""
+        return merge(self.tuned, *(candidate.variant for candidate in accepted))
 
     def of(self, candidate: Candidate) -> Judged:
         """The model that a candidate makes."""
@@ -242,32 +244,58 @@ class Searcher:
             current: the model.
             left: its loss per value beyond that of the noise.
         """
-        settings = self.settings
-        extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-        taken = {c.cause.key for c in accepted} | self.replaced | without_friction(self.shown, extended, self.nominal)
+        extended = self.parameters(accepted)
         here = middle(*current.fits)
         self.sketch_anew(extended, here)
-        shown = [c for c in self.shown if c.key not in taken]
+        shown = self.open_causes(accepted)
         if leaders := [c for c in shown if c.key in self.led]:
             shown = leaders
         else:
             self.led = ()
-        screened = screen(self.sketch, shown, extended, here, settings)
-        if not self.look_on and not decide.promising(left, screened.promise, settings):
+        screened = screen(self.sketch, shown, extended, here, self.settings)
+        if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
-        chosen = to_try(screened.chosen, shown, taken, self.numbers, blind=left > settings.far)
-        if chosen:
-            self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
-        rough = rough_fits(self.sketch, chosen, extended, here, settings)
+        taken = {cause.key for cause in self.shown}.difference(cause.key for cause in shown)
+        chosen = to_try(screened.chosen, shown, taken, self.numbers, blind=left > self.settings.far)
+        return self.fitted(chosen, accepted, current, left), screened.promise
+
+    def fitted(
+        self,
+        chosen: Sequence[tuple[Cause, Variant]],
+        accepted: Sequence[Candidate],
+        current: Judged,
+        left: float,
+        instead: Candidate | None = None,
+    ) -> list[Candidate]:
+        """Variants fitted on top of a model in the order of their rough costs, less those that are far behind.
+
+        Args:
+            chosen: variants, the likeliest first.
+            accepted: causes of the model.
+            current: the model.
+            left: its loss per value beyond that of the noise.
+            instead: a cause in whose place they are tried.
+        """
+        if not chosen:
+            return []
+        settings, extended, here = self.settings, self.parameters(accepted), middle(*current.fits)
+        self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
+        known = None
+        if instead is not None:
+            known = fit(self.sketch, self.parameters((*accepted, instead)), middle(*instead.fits), 0).cost
+        rough = rough_fits(self.sketch, chosen, extended, here, settings, known)
+        least = rough[0][0].cost if known is None else min(known, rough[0][0].cost)
         order = list(dict.fromkeys(cause.key for _, cause, _ in rough))
-        near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * rough[0][0].cost}
-        finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < settings.sure_finalists or n in near]
+        near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * least}
+        sure = settings.sure_finalists if known is None else 0
+        finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < sure or n in near]
         finalists += [cause.key for cause, _ in chosen[: settings.foreseen] if cause.key not in finalists]
-        finalists += [cause.key for cause in shown if cause.seen and cause.key not in finalists]
+        finalists += [cause.key for cause, _ in chosen if cause.seen and cause.key not in finalists]
         found: list[Candidate] = []
         passed: list[tuple[Fit, Cause, Variant]] = []
         best, joined = dict[str, float](), dict[str, float]()
-        before = least = fit(self.sketch, extended, here, 0).cost
+        before = fit(self.sketch, extended, here, 0).cost
+        least = before if known is None else min(known, before)
         optimum = self.optima.get(frozenset(extended), before)
         for start, cause, variant in rough:
             cost = charged(start, cause, variant, settings)
@@ -286,16 +314,23 @@ class Searcher:
                     continue  # another of its cause's variants does better
                 joined[cause.key] = min(cost, joined[cause.key])
                 found.append(self.finalist(extended, joint, cause, variant))
-        if passed and not found:  # a round says what came nearest
+        if passed and not found and instead is None:  # a round says what came nearest
             found = [self.finalist(extended, *min(passed, key=lambda row: charged(*row, settings)))]
-        return self.simplest(found, extended, taken), screened.promise
+        shown = self.open_causes([*accepted, *([] if instead is None else [instead])])
+        return self.simplest(found, extended, {cause.key for cause in shown})
 
     def finalist(self, extended: Sequence[Parameter], optimum: Fit, cause: Cause, variant: Variant) -> Candidate:
         """A cause that is fitted to both parts, from its fit to the sketch."""
         fits = self.fit_parts(merge(extended, variant), optimum.values)
         return self.candidate(cause, variant, self.judged(fits))
 
-    def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], taken: set[str]) -> list[Candidate]:
+    def open_causes(self, accepted: Sequence[Candidate]) -> list[Cause]:
+        """What the data can show beside a model, less what another took the place of."""
+        taken = {c.cause.key for c in accepted} | self.replaced
+        taken |= without_friction(self.shown, self.parameters(accepted), self.nominal)
+        return [cause for cause in self.shown if cause.key not in taken]
+
+    def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], shown: set[str]) -> list[Candidate]:
         """Candidates less those that are the simpler cause which they degenerate to; that one is always tried.
 
         At the edge of its own shape a cause is the simpler one. With any other number at a bound it is, where the
@@ -311,7 +346,7 @@ class Searcher:
             other = next((cause for cause in self.shown if cause.name == limit.cause), None)
             if other is None:  # what it is there is not to be considered
                 kept += [candidate] * edge
-            elif other.key not in taken:
+            elif other.key in shown:
                 if other.key not in tried:
                     fits = self.fit_both(merge(extended, other.variants[0]), middle(*candidate.fits))
                     tried[other.key] = self.candidate(other, other.variants[0], self.judged(fits))
@@ -350,22 +385,28 @@ class Searcher:
         return min(found.values[edge.path] for found in candidate.fits) >= end
 
     def recorded(
-        self, accepted: Sequence[Candidate], fitted: Sequence[Candidate], current: Judged, begin: float, promise: float
+        self,
+        accepted: Sequence[Candidate],
+        fitted: Sequence[Candidate],
+        current: Judged,
+        begin: float,
+        promise: float,
+        instead: Candidate | None = None,
     ) -> tuple[RoundRecord, Judged]:
         """The round to decide on, and the baseline that its candidates are compared with.
 
         The baseline is refitted from the winner's optimum, so that the winner gets no credit for leaving a local
-        minimum.
+        minimum; that in whose place others are tried was fitted from there.
         """
         evidence = tuple(candidate.evidence for candidate in fitted)
         order = decide.ranked(evidence, self.settings)
         left = begin
         if order:
             winner = fitted[order[0]]
-            extended = merge(self.tuned, *(candidate.variant for candidate in accepted))
-            again = self.judged(self.fit_both(extended, middle(*winner.fits)))
-            current = again if again.blocks.sum() < current.blocks.sum() else current
-            left = self.excess(current.fits)
+            if winner is not instead:
+                again = self.judged(self.fit_both(self.parameters(accepted), middle(*winner.fits)))
+                current = again if again.blocks.sum() < current.blocks.sum() else current
+                left = self.excess(current.fits)
             asked = replace(winner.evidence, excess=self.excess(winner.fits))
             evidence = tuple(asked if one is winner.evidence else one for one in evidence)
         led = bool(self.led)
@@ -387,27 +428,3 @@ class Searcher:
             replace(fitted[s.index], better=s.better, best=s.best, gain=s.gain)
             for s in decide.standings(record, self.settings, self.seed)
         ]
-
-    def replacement(self, accepted: Sequence[Candidate], rounds: Sequence[Round]) -> tuple[Replacement, Round | None]:
-        """Try the last cause in the place of the one before it, which may only have stood in for it.
-
-        Returns:
-            What was decided on, and the round of the earlier cause with the last one as its winner; None where the
-            earlier cause still pays on top of the last one.
-        """
-        *others, earlier, last = accepted
-        start = middle(*last.fits)
-        alone = self.judged(self.fit_both(merge(self.tuned, *(c.variant for c in others), last.variant), start))
-        left = self.excess(alone.fits)
-        added = self.candidate(earlier.cause, earlier.variant, self.of(last))
-        again = RoundRecord(self.counts, alone.blocks, alone.sampled, left, left, NEVER, (added.evidence,))
-        step = rounds[-2]
-        fitted = [self.candidate(last.cause, last.variant, alone)]
-        fitted += [candidate for candidate in step.candidates if candidate.cause.key != last.cause.key]
-        evidence = tuple(candidate.evidence for candidate in fitted)
-        instead = RoundRecord(self.counts, step.before, NEVER, step.excess, step.excess, NEVER, evidence)
-        happened = decide.stands_in(Replacement(again, instead, False), self.settings, self.seed)
-        trial = Replacement(again, instead, happened)
-        if not happened:
-            return trial, None
-        return trial, Round(step.before, tuple(self.ranked(instead, fitted)), True, step.excess)

@@ -78,27 +78,19 @@ class RoundRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class Replacement:
-    """Whether the cause found last can stand in place of the one before it.
+class Step:
+    """A round of the search that was run, and what it decided.
 
     Attributes:
-        again: the round in which the earlier cause is added to the last one.
-        instead: the round that accepted the earlier cause, with the last one first among its candidates.
-        happened: whether the search that was run replaced it.
+        round: what it decided on.
+        winner: name of the cause that it accepted; None: of none.
+        place: number of the accepted cause that it asked about beside all others (:mod:`.exchange`), in whose place the
+            winner then stands; None: of a further cause.
     """
-
-    again: RoundRecord
-    instead: RoundRecord
-    happened: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """A round, whom the search that was run accepted in it, and the replacements that it tried then."""
 
     round: RoundRecord
     winner: str | None = None
-    replacements: tuple[Replacement, ...] = ()
+    place: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,38 +100,23 @@ class SearchRecord:
     seed: int
     steps: tuple[Step, ...]
 
+    @property
+    def last(self) -> Step:
+        """The last step that sought a further cause."""
+        return next(step for step in reversed(self.steps) if step.place is None)
+
 
 def to_dict(record: SearchRecord) -> dict[str, Any]:
     """The record as plain numbers, lists and dictionaries."""
     return {
         "seed": record.seed,
-        "steps": [
-            {
-                "round": _round(step.round),
-                "winner": step.winner,
-                "replacements": [
-                    {"again": _round(r.again), "instead": _round(r.instead), "happened": r.happened}
-                    for r in step.replacements
-                ],
-            }
-            for step in record.steps
-        ],
+        "steps": [{"round": _round(step.round), "winner": step.winner, "place": step.place} for step in record.steps],
     }
 
 
 def from_dict(document: Mapping[str, Any]) -> SearchRecord:
     """The record that :func:`to_dict` wrote."""
-    steps = tuple(
-        Step(
-            _read_round(step["round"]),
-            step["winner"],
-            tuple(
-                Replacement(_read_round(r["again"]), _read_round(r["instead"]), r["happened"])
-                for r in step["replacements"]
-            ),
-        )
-        for step in document["steps"]
-    )
+    steps = tuple(Step(_read_round(step["round"]), step["winner"], step.get("place")) for step in document["steps"])
     return SearchRecord(int(document["seed"]), steps)
 
 

@@ -26,8 +26,7 @@ class Candidate:
         fits: on the two parts, each judged on the other.
         evidence: what is decided on.
         better: share of bootstrap draws in which it lowers the loss at all.
-        best: share of draws in which it is the best of the round (win rate); of one that was accepted, as
-            :func:`among_rivals` has it.
+        best: share of draws in which it is the best of the round (win rate).
         gain: share of the excess loss that it removes, at most 1: the excess is an estimate.
     """
 
@@ -47,7 +46,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One step of the forward selection.
+    """One step of the forward selection; of an accepted cause, the last one that asked about its place.
 
     Attributes:
         before: loss of each block without any of the candidates (b,).
@@ -60,24 +59,6 @@ class Round:
     candidates: tuple[Candidate, ...]
     accepted: bool
     excess: float = 0.0
-
-
-def among_rivals(accepted: Sequence[Candidate], rounds: Sequence[Round]) -> tuple[Candidate, ...]:
-    """Accepted causes with their win rates in the draws that none wins which is accepted beside them.
-
-    What is accepted beside a cause explains another part of the error. It is no rival, whichever came first.
-
-    Args:
-        accepted: in the order in which they were.
-        rounds: of the search.
-    """
-    keys, found = {candidate.cause.key for candidate in accepted}, []
-    won = [step for step in rounds if step.accepted]  # one more, where numbers failed once it was decided
-    for candidate, step in zip(accepted, won, strict=False):
-        others = [c for c in step.candidates if c.cause.key != candidate.cause.key]
-        left = candidate.best + sum(c.best for c in others if c.cause.key not in keys)
-        found.append(replace(candidate, best=candidate.best / left if left > 0.0 else 0.0))
-    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)

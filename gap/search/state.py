@@ -33,9 +33,11 @@ class Found:
     Attributes:
         current: the model with the causes accepted so far.
         accepted, rounds, steps: as :class:`sealegs.gap.search.result.Search` and its record have them.
+        settled: key of the cause that was chosen beside all others, so that nothing more is asked of it.
     """
 
     current: Judged
     accepted: list[Candidate] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
+    settled: str = ""

@@ -1,0 +1,103 @@
+"""Each named cause asked once more, in its place among all the others: whether another does better there, or none.
+
+A search adds one cause at a time. The first of several may have stood in for two that act together, as a centre of mass
+further out does for a heavier weight and a heavier rotor; and what was its rival then may be explained by the others
+now. So named causes are exchanged, as in stepwise regression, until each is the best in its place. The rounds that ask
+say what each is worth, and what its rivals are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ..causes.cause import Cause, Variant
+from . import decide
+from .fit import middle
+from .record import Step
+from .result import Candidate, Round
+from .screen import screen
+from .state import Found, Judged
+
+if TYPE_CHECKING:
+    from .forward import Searcher
+
+NEVER = float("nan")  # promise of a screen that was not run
+
+
+def exchanged(searcher: Searcher, found: Found) -> bool:
+    """Ask of every cause that was not chosen beside all others.
+
+    Returns:
+        Whether another stands in the place of one, or none, so that the search goes on. Else the rounds of the causes
+        are those that asked.
+    """
+    places = [k for k, candidate in enumerate(found.accepted) if candidate.cause.key != found.settled]
+    return any(_asked(searcher, found, place) for place in places)
+
+
+def _asked(searcher: Searcher, found: Found, place: int) -> bool:
+    """Ask of one cause; whether another stands in its place now, or none."""
+    own = searcher.candidate(found.accepted[place].cause, found.accepted[place].variant, found.current)
+    key, others = own.cause.key, [candidate for k, candidate in enumerate(found.accepted) if k != place]
+    searcher.progress(f"asking whether another cause does better in the place of {key}")
+    start = middle(*found.current.fits)
+    without = searcher.judged(searcher.fit_both(searcher.parameters(others), start))
+    begin = searcher.excess(without.fits)
+    fitted, at = [own], [k for k, step in enumerate(found.rounds) if step.accepted][place]
+    if not decide.finished(begin, searcher.settings):
+        shown = searcher.open_causes(found.accepted)
+        tried = _tried(searcher, shown, others, without, found.rounds[at].candidates)
+        fitted += searcher.fitted(tried, others, without, begin, instead=own)
+    record, without = searcher.recorded(others, fitted, without, begin, NEVER, instead=own)
+    ranked = searcher.ranked(record, fitted)
+    order = decide.standings(record, searcher.settings, searcher.seed)
+    chosen = decide.in_place(record, order, key, searcher.settings)
+    found.steps.append(Step(record, chosen, place))
+    first = next((candidate for candidate in ranked if candidate.cause.key == chosen), None)
+    if first is not None:
+        rivals = [candidate for candidate in ranked if candidate is not first]
+        found.rounds[at] = Round(record.before, (first, *rivals), True, begin)
+    if first is not None and chosen == key:
+        found.accepted[place] = first
+        return False
+    _put(searcher, found, place, first, without)
+    said = "nothing" if first is None else first.cause.key
+    searcher.progress(f"beside the others, {said} stands in the place of {key}")
+    return True
+
+
+def _tried(
+    searcher: Searcher,
+    shown: Sequence[Cause],
+    others: Sequence[Candidate],
+    without: Judged,
+    rivals: Sequence[Candidate],
+) -> list[tuple[Cause, Variant]]:
+    """What the screen puts first in a place, and what was fitted there before."""
+    here = middle(*without.fits)
+    searcher.sketch_anew(searcher.parameters(others), here)
+    screened = screen(searcher.sketch, shown, searcher.parameters(others), here, searcher.settings)
+    first = list(dict.fromkeys(cause.key for cause, _ in screened.chosen))[: searcher.settings.finalists]
+    before = [(c.cause, c.variant) for c in rivals if c.cause.key not in first and c.cause in shown]
+    return [*(pair for pair in screened.chosen if pair[0].key in first), *before]
+
+
+def _put(searcher: Searcher, found: Found, place: int, first: Candidate | None, without: Judged) -> None:
+    """Put another cause, or none, in the place of one that is not tried again."""
+    searcher.replaced.add(found.accepted[place].cause.key)
+    found.current = without if first is None else searcher.of(first)
+    if first is None:
+        rounds = [k for k, step in enumerate(found.rounds) if step.accepted]
+        del found.accepted[place], found.rounds[rounds[place]]
+    else:
+        found.accepted[place] = first
+    found.settled = "" if first is None else first.cause.key
+    found.rounds[:] = [step for step in found.rounds if step.accepted]
+    blocks, sampled, fits = found.current.blocks, found.current.sampled, found.current.fits
+    values = (fits[0].values, fits[1].values)
+    found.accepted[:] = [
+        replace(one, fits=fits, evidence=replace(one.evidence, blocks=blocks, sampled=sampled, values=values))
+        for one in found.accepted
+    ]
