@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.gap.search.decide import Standing, decide, hopeless, pays, standings
+from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
@@ -117,6 +117,20 @@ def test_further_causes_that_share_the_win_are_named_as_rivals_where_they_remove
     assert named_too.names == ("load.centre_of_mass", "a") and set(named_too.rivals[1]) == {"b", "c"}
     single = SearchRecord(0, (Step(round_of(evidence("a", 0.3)), "a"), Step(round_of(evidence("b", 0.3)), None)))
     assert not ended_tied(single, ties), "one cause that pays is no tie"
+
+
+def test_another_cause_takes_a_place_that_it_wins_in_most_draws() -> None:
+    def then(*removed: float, excess: float = 0.5) -> tuple[str | None, tuple[str, ...]]:
+        before = (Step(round_of(evidence("a", 0.3)), "a"), Step(round_of(evidence("b", 0.3)), "b"))
+        asked = round_of(*(evidence(name, size) for name, size in zip("ac", removed, strict=False)), excess=excess)
+        order = standings(asked, DEFAULT, 0)
+        chosen = in_place(asked, order, "a", DEFAULT)
+        return chosen, decide(SearchRecord(0, (*before, Step(asked, chosen, 0))), DEFAULT).names
+
+    assert then(0.3, 0.1) == ("a", ("a", "b"))
+    assert then(0.1, 0.3) == ("c", ("c", "b"))
+    assert then(0.001) == (None, ("b",)), "beside the others it removes nothing"
+    assert then(0.3, 0.1, excess=0.01) == (None, ("b",)), "the others leave nothing"
 
 
 def test_a_further_cause_must_win_most_draws() -> None:

@@ -19,12 +19,14 @@ from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.replay.problem import converged
 from sealegs.gap.search.decide import Standing, decide
+from sealegs.gap.search.exchange import exchanged
 from sealegs.gap.search.fit import merge
 from sealegs.gap.search.forward import Judged, Searcher
 from sealegs.gap.search.record import RoundRecord
 from sealegs.gap.search.refit import refit
 from sealegs.gap.search.result import Candidate, Round
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
+from sealegs.gap.search.state import Found
 
 from testbed import hidden_bench
 from testbed.bench import JOINT, NOISE_FLOOR
@@ -95,22 +97,30 @@ def test_a_round_whose_finalists_cannot_pay_says_which_came_nearest() -> None:
     assert search.rounds[-1].candidates and not decide(search.record, search.settings).open
 
 
+def asked(problem: FreeProblem, *names: str) -> tuple[bool, Found, Searcher]:
+    """Causes that were accepted one after the other, each asked again; whether one was exchanged."""
+    searcher, accepted, rounds = searched(problem, *names)
+    found = Found(searcher.of(accepted[-1]), accepted, rounds, settled=accepted[-1].cause.key)
+    return exchanged(searcher, found), found, searcher
+
+
 @pytest.mark.long
 def test_a_cause_that_stood_in_for_the_real_one_leaves_once_that_is_found() -> None:
-    searcher, accepted, rounds = searched(bench("friction.coulomb"), "friction.load_dependent", "friction.coulomb")
-    trial, alone = searcher.replacement(accepted, rounds)
-    assert trial.happened and alone is not None and alone.accepted
-    assert [candidate.cause.name for candidate in alone.candidates] == ["friction.coulomb", "friction.load_dependent"]
-    assert alone.before is rounds[0].before
-    assert alone.candidates[0].blocks.sum() < 1.2 * accepted[-1].blocks.sum()
+    changed, found, searcher = asked(bench("friction.coulomb"), "friction.load_dependent", "friction.coulomb")
+    assert changed and [candidate.cause.name for candidate in found.accepted] == ["friction.coulomb"]
+    assert len(found.rounds) == 1 and searcher.replaced == {"friction.load_dependent"}
+    assert set(found.accepted[0].fits[0].values) == set(found.current.fits[0].values)
+    assert [(step.place, step.winner) for step in found.steps] == [(0, None)]
 
 
 @pytest.mark.long
 def test_of_two_causes_that_are_both_there_both_stay() -> None:
     problem = bench("friction.coulomb", "friction.load_dependent")
-    searcher, accepted, rounds = searched(problem, "friction.load_dependent", "friction.coulomb")
-    trial, alone = searcher.replacement(accepted, rounds)
-    assert not trial.happened and alone is None
+    changed, found, _ = asked(problem, "friction.load_dependent", "friction.coulomb")
+    names = ["friction.load_dependent", "friction.coulomb"]
+    assert not changed and [candidate.cause.name for candidate in found.accepted] == names
+    beside = found.rounds[0].candidates[0]
+    assert beside is found.accepted[0] and beside.blocks.sum() == pytest.approx(found.current.blocks.sum(), rel=1e-6)
 
 
 @pytest.mark.long
