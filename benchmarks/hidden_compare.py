@@ -28,7 +28,11 @@ def case_of(row: dict[str, Any]) -> Case:
 
 
 def sample(
-    rows: Sequence[dict[str, Any]], count: int, nulls: int | None = None, magnitudes: Sequence[str] = ()
+    rows: Sequence[dict[str, Any]],
+    count: int,
+    nulls: int | None = None,
+    magnitudes: Sequence[str] = (),
+    least: int = 0,
 ) -> list[dict[str, Any]]:
     """The ``count`` quickest of the rows, one in seven a null; effects that the testbed lost are left out.
 
@@ -37,7 +41,9 @@ def sample(
         count: how many, nulls included.
         nulls: how many of them are nulls, where not one in seven.
         magnitudes: of the effects; default: all.
+        least: how many effects a case hides at least.
     """
+    rows = [row for row in rows if len(row["effects"]) >= least]
     known, nulls = set(all_names()), count // 7 if nulls is None else nulls
     rows = sorted((row for row in rows if set(row["effects"]) <= known), key=lambda row: row["seconds"])
     if magnitudes:
@@ -80,12 +86,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sample", type=int, default=42, help="how many of its cases")
     parser.add_argument("--nulls", type=int, help="how many of them are nulls; default: one in seven")
     parser.add_argument("--magnitudes", nargs="+", default=(), help="of the effects; default: all")
+    parser.add_argument("--pairs", action="store_true", help="only cases that hide several effects")
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument(
         "--out", type=Path, default=RESULTS / "hidden_compare.jsonl", help="kept cases, the page beside it"
     )
     options = parser.parse_args(arguments)
-    rows = sample(json.loads(options.like.read_text())["cases"], options.sample, options.nulls, options.magnitudes)
+    cases = json.loads(options.like.read_text())["cases"]
+    rows = sample(cases, options.sample, options.nulls, options.magnitudes, 2 * options.pairs)
     by_key = {row["key"]: row for row in rows}
     lines = options.out.read_text().splitlines() if options.out.exists() else []
     ran = {row["key"]: row for row in map(json.loads, lines)}  # of each case the last
@@ -114,7 +122,7 @@ def page(kept: Sequence[dict[str, Any]], by_key: dict[str, dict[str, Any]]) -> s
             "",
             f"{same} of {len(table)} cases of revision {earlier} are the same in {now}: verdict, causes in order, "
             f"their rivals and parameters, each value within the other's interval. {len(by_key)} are the sample: the "
-            "quickest of their kind, nulls included, no pairs.",
+            "quickest of their kind.",
             "",
             "Made by `python -m benchmarks.hidden_compare`, which can be stopped and goes on.",
             "",
