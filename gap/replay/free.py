@@ -18,6 +18,7 @@ from .problem import OF_A_ROBOT, ROBOT_STEP, STEPS, Batch, JointProblem
 from .simulator import CHANNELS, replay_many
 
 PLACES = slice(0, 2)  # channels that are positions
+ADRIFT = 2.0  # [s] within which a joint that is told speeds keeps its place; assumed
 NO_TERMS = np.zeros((0, T_COLUMNS))
 
 
@@ -70,17 +71,20 @@ class FreeProblem(JointProblem):
             self._from_any_place(batch)
 
     def _from_any_place(self, batch: Batch) -> None:
-        """Shift each unit of a joint that is told speeds to where it was measured, on average.
+        """Shift a joint that is told speeds to where it was measured, on average over :data:`ADRIFT`.
 
-        Nothing brings such a joint back to a place: what its loop has added up before a unit begins, which no log
-        tells, is a constant of its position from then on.
+        Nothing brings such a joint back to a place. What its loop has added up before a unit begins, which no log
+        tells, is a constant of its position from then on, and so is what a saturated loop loses.
         """
-        measured, judged = self.measured[batch.rows, 0], self.judged[batch.rows]
+        measured, judged, time = self.measured[batch.rows, 0], self.judged[batch.rows], self.time[batch.rows]
         for first, end in itertools.pairwise(batch.starts):
-            use = judged[first:end] & np.isfinite(measured[first:end])
-            if use.any():
-                shift = (measured[first:end] - batch.out[:, first:end, 0])[:, use].mean(axis=1)
-                batch.out[:, first:end, PLACES] += shift[:, None, None]
+            window = ((time[first:end] - time[first]) / ADRIFT).astype(int)
+            for number in range(int(window[-1]) + 1):
+                rows = first + np.flatnonzero(window == number)
+                use = rows[judged[rows] & np.isfinite(measured[rows])]
+                if len(use):
+                    shift = (measured[use] - batch.out[:, use, 0]).mean(axis=1)
+                    batch.out[:, rows, PLACES] += shift[:, None, None]
 
 
 def free_problem(

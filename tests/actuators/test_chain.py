@@ -166,7 +166,8 @@ def test_every_numeric_parameter_has_unit_bounds_and_meaning():
 def test_the_order_of_a_chain_comes_from_the_stages_themselves():
     assert (
         *("delay", "scale", "offset", "goal_filter", "rate_limit", "dead_band"),
-        *("position_p", "position_pd", "position_pi", "ideal", "torque_command", "derivative", "net"),
+        *("position_p", "position_pd", "position_pi", "ideal", "torque_command"),
+        *("velocity_pi", "ideal_velocity", "derivative", "net"),
         *("duty_step", "minimum_duty", "duty_limit", "regression", "supply", "current_limit", "dc_motor"),
         *("torque_limit", "gear", "thermal", "friction", "meshing", "spring", "compliance", "backlash", "encoder"),
     ) == order()
