@@ -1,4 +1,4 @@
-"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|hexapod|biped|leg|arm ...]``.
+"""Draws and films each robot: ``python -m docs.generate.robot_films [bench|hopper|small_biped|rover ...]``.
 
 Writes ``docs/pictures/<robot>.png`` and ``docs/pictures/<robot>.mp4``. Needs OpenGL (without a screen, EGL).
 """
@@ -21,6 +21,7 @@ from PIL import Image
 from sealegs.agents.make_env import checked_env, make_single_env
 from sealegs.agents.policy_files import load_policy
 from sealegs.agents.video import record_video
+from sealegs.common.documents import read_yaml
 from sealegs.envs.engine.scene import CAMERA
 from sealegs.papers.hopper.paper import CONTROL_STEP, Legs
 
@@ -79,6 +80,19 @@ def _policy(folder: str, **changes: float) -> Callable[[Path], None]:
     return film_it
 
 
+def _unlearned(task: str, **changes: float) -> Callable[[Path], None]:
+    """As the reference of a task of any robot moves it, without corrections."""
+
+    def film_it(film: Path) -> None:
+        given = read_yaml(CHECKOUT / "configs" / "env" / f"{task}.yaml", "the task")
+        env = make_single_env(checked_env({**given, "stand_share": 0.0, **changes}), None, WIDTH, HEIGHT)
+        still = np.zeros((1, *(env.action_space.shape or ())), np.float32)
+        record_video(film, lambda *_: still, env, SECONDS, 0)
+        env.close()
+
+    return film_it
+
+
 ROBOTS: dict[str, Callable[[Path], None]] = {
     "bench": bench,
     "hopper": hopper,
@@ -86,6 +100,8 @@ ROBOTS: dict[str, Callable[[Path], None]] = {
     "biped": _policy("biped/seed0", speed=0.8),
     "leg": _policy("leg/seed0"),
     "arm": arm,
+    "small_biped": _unlearned("walk_biped", forward=0.1, sideways=0.0, turn=0.15),
+    "rover": _unlearned("drive", forward=0.15, turn=0.6),
 }
 
 

@@ -42,6 +42,7 @@ IDEAL = ("ideal", "ideal_velocity")
 FLOOR_FRICTION = "floor_friction"
 """Number of a robot whose YAML gives it a floor."""
 TALL = 2.5  # times the height of its base: rough size of a robot on legs, for light and camera
+LOW = 0.12  # [m] of a base: a robot that is lower, on wheels, is wider than high; assumed
 SAME = 1e-6  # of a number: what differs by less is the same
 
 HINGES = {"range_margin": 0.15, "speed": 15.0}
@@ -216,7 +217,7 @@ class RobotFile:
         for one, other in self.exclude:
             spec.add_exclude(bodyname1=one, bodyname2=other)
         if self.floor is not None:
-            reach = TALL * (self.height or 0.2)
+            reach = TALL * max(self.height or 0.2, LOW)
             floor = add_scene(spec, values[FLOOR_FRICTION], reach=reach)
             floor.rgba = (*TILE, 1.0)  # MuJoCo leaves the textures of a URDF out
             if self.model.root:
