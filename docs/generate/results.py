@@ -364,7 +364,7 @@ def confidence() -> dict[str, Any]:
     return {**benches(), "ground": ground(), "arms": arm_shares(), "wanted": wanted("covered")}
 
 
-TRANSFER = ("extended", "extended, drawn")
+TRANSFER = ("extended", "extended, drawn", "fine-tuned")
 """Of the treatments of the transfer study, what a diagnosis gives."""
 
 
@@ -395,9 +395,16 @@ def transfer() -> dict[str, Any]:
         "found": table(("trained on", "figure", "bar", "reached", "holds"), rows),
         "play": f"{1e3 * max(play['moves'].values()):.1f}",
         "size": f"{1e3 * play['size']:.0f}",
-        "scale": f"{document['hidden']['bench-5903']['joints']['servo']['causes']['sensor.scale']:.2f}",
+        "causes": ", ".join(f"`{name}`" for name in document["hidden"]["bench-5903"]["joints"]["servo"]["causes"]),
+        "way": f"{_closed(document['errors']['leg-5901'], 'extended'):.0%}",
         "others": f"{min(learnt):.1f} to {max(learnt):.1f}",
     }
+
+
+def _closed(errors: Mapping[str, list[float]], treatment: str) -> float:
+    """Share of the way from nominal to limit that a treatment goes on a machine."""
+    nominal, limit, own = (float(np.mean(errors[name])) for name in ("nominal", "limit", treatment))
+    return (nominal - own) / (nominal - limit)
 
 
 FIGURES: Mapping[str, Callable[[], Mapping[str, Any]]] = {
