@@ -31,7 +31,7 @@ def _speed_gain(nominal: JointModel) -> Cause:
         sentence="The speed loop is weaker or stronger than its setting says.",
         picture="response",
         against="control error",
-        variants=tuple((factor(path, 0.1, 10.0),) for path in paths),
+        variants=(*((factor(path, 0.1, 10.0),) for path in paths), tuple(factor(path, 0.1, 10.0) for path in paths)),
         error=True,
     )
 
