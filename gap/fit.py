@@ -13,8 +13,6 @@ from .log.arrays import InMemory
 from .replay.comparison import rms
 
 Bounds = tuple[float, float] | None
-FACTOR = 5.0
-"""How far a number that the model has is tried, either way, where no bounds are given."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +136,8 @@ def _parameter(
     path: str, bounds: tuple[float, float] | None, nominal: JointModel, causes: Sequence[Cause]
 ) -> Parameter:
     """What a fit turns for the number ``path``."""
+    from .search.settings import DEFAULT
+
     try:
         believed = nominal.value(path)
     except (SealegsError, AttributeError, LookupError, StopIteration) as error:
@@ -151,7 +151,8 @@ def _parameter(
         start = min(max(believed, low + 0.1 * (high - low)), high - 0.1 * (high - low))
         return Parameter(path, nominal.unit(path), low, high, start, 0.1 * (high - low))
     if believed > 0.0:
-        return factor(path, 1.0 / FACTOR, FACTOR, 0.15)
+        most = 1.0 + DEFAULT.refitted_by
+        return factor(path, 1.0 / most, most, 0.15)
     tried = [p for cause in causes for variant in cause.variants for p in variant if path in (p.number, p.path)]
     if not tried:
         raise SealegsError(f"parameters: the model has no '{path}', which would say how large it may be; give bounds.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,8 +17,9 @@ from .signal import Lag, derivatives, fit_lag, quantisation_step
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
 """Smallest delay of a column that is worth a word [s]."""
-GEAR_SIDE_RATIO = 2.5
-"""Ratio beyond which a column is not badly calibrated but of something else."""
+ANOTHER_UNIT_RATIO = math.sqrt(2.0 * math.pi)
+"""Ratio beyond which a column is not badly calibrated but in another unit, or of something else: half way, as a factor,
+to the nearest other unit, a turn."""
 STUCK_SECONDS = 0.5
 KNOWN_RATIOS = {
     "degrees per second": DEGREES_PER_RADIAN,
@@ -138,7 +140,7 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
             value=scale, data_error=True,
         )  # fmt: skip
         return
-    if scale > GEAR_SIDE_RATIO or scale < 1.0 / GEAR_SIDE_RATIO:
+    if scale > ANOTHER_UNIT_RATIO or scale < 1.0 / ANOTHER_UNIT_RATIO:
         yield Finding(
             "velocity.gear_side", "error", joint.name, name,
             f"{name} is {scale:.4g} times the derivative of the position: it belongs to the other side of a gear or to "
@@ -178,7 +180,7 @@ def _goal_velocity(joint: JointContext, goal: Array, velocity: Array) -> Iterato
     scale, name = float(lag.coefficients[0]) / np.sqrt(lag.r2), joint.column("goal_velocity")
     if scale > 0.0 and (unit := _unit_by(scale)) is not None:
         yield _in_unit(joint, "goal_velocity", "goal", unit, scale)
-    elif scale > GEAR_SIDE_RATIO or scale < 1.0 / GEAR_SIDE_RATIO:
+    elif scale > ANOTHER_UNIT_RATIO or scale < 1.0 / ANOTHER_UNIT_RATIO:
         yield Finding(
             "goal_velocity.scale", "warning", joint.name, name,
             f"{name} is {scale:.4g} times the derivative of the goal; it stays, as what the drive was told. If it is "

@@ -10,6 +10,7 @@ from ...actuators.chain import Chain
 from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
+from .signal import MIN_EXPLAINED_SHARE
 
 COLUMN_UNITS: dict[str, dict[str, float]] = {
     "duty": {"percent": 100.0, "counts of 885": 885.0, "per mille": 1000.0, "counts of 1023": 1023.0},
@@ -19,8 +20,6 @@ COLUMN_UNITS: dict[str, dict[str, float]] = {
 """How many times too large a column is in another unit."""
 CHAIN_RATIO_RANGE = (0.3, 3.0)
 """Ratio of a column to what the chain says that a wrong number of the chain may make."""
-MIN_CHAIN_CORRELATION = 0.5
-"""Least squared correlation of a column with what the chain says before a ratio is read off."""
 KELVIN_TEMPERATURE = 200.0
 """Temperature that no running motor has in degC."""
 
@@ -82,7 +81,7 @@ def _ratio(values: Array, expected: Array) -> float | None:
     """Column over what the chain says, by least squares where the two go together."""
     good = np.isfinite(values) & np.isfinite(expected)
     a, b = values[good], expected[good]
-    if len(a) < 100 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0 or np.corrcoef(a, b)[0, 1] ** 2 < MIN_CHAIN_CORRELATION:
+    if len(a) < 100 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0 or np.corrcoef(a, b)[0, 1] ** 2 < MIN_EXPLAINED_SHARE:
         return None
     return float(a @ b / (b @ b))
 

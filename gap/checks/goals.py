@@ -7,12 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..log.finding import Finding
-from ..log.types import Array
+from ..log.types import READING_SHARE, Array
 from .context import JointContext
 from .signal import quantisation_step
 
-GOAL_READING_SHARE = 0.98
-"""Share of the samples in motion in which goal and reading must be one."""
 MIN_MOVING_SAMPLES = 100
 """Samples in motion from which that is told."""
 ROUNDING_SHARE = 1e-6
@@ -34,7 +32,7 @@ def check_goal(joint: JointContext) -> Iterator[Finding]:
         return
     for ahead in (0, 1):
         share = _equal(joint, goal, position, ahead)
-        if share < GOAL_READING_SHARE:
+        if share < READING_SHARE:
             continue
         name, of_what = joint.column("goal"), joint.column("position")
         next_row = " of the next row" if ahead else ""
@@ -57,6 +55,6 @@ def _equal(joint: JointContext, goal: Array, position: Array, ahead: int) -> flo
     exact = float((apart <= ROUNDING_SHARE * joint.span).mean())
     within = ROUNDING_STEPS * (joint.step + quantisation_step(goal))
     fast = float(np.quantile(np.abs(joint.velocity[:last][counts]), FAST_SPEED_QUANTILE))
-    if exact >= GOAL_READING_SHARE or fast * STEADY_LAG < within:  # slower motion hides a lag within the rounding
+    if exact >= READING_SHARE or fast * STEADY_LAG < within:  # slower motion hides a lag within the rounding
         return exact
     return float((apart <= within).mean())

@@ -15,17 +15,16 @@ from ...envs.engine import turns
 from ...envs.engine.imu import COLUMNS
 from ..log.finding import Finding
 from ..log.types import Array, MeasuredRun
+from .bootstrap import BLOCK_SECONDS, BOOTSTRAP_DRAWS
+from .columns import ANOTHER_UNIT_RATIO, LAG_TOLERANCE
+from .signal import MIN_EXPLAINED_SHARE
 
 IMU = "imu"
 HALF = 0.06  # [s] to both sides of a moment, over which a turn rate is told by the turns between samples
 REACH = 0.15  # [s] by which one signal is sought to be later than another
 SEARCH_STEP = 0.0025  # [s]
 TELLS = 0.6  # correlation from which two axes are said to be of one motion
-EXPLAINED = 0.5  # share of the variance of a turn rate that another must explain, to be called its derivative
-LEAST_LAG = 0.006  # [s] that is worth a word, if it is more than chance
-ONE_UNIT = 2.0  # ratio of two turn rates from which they are of other units; degrees and radians make 57
-DRAWS = 200  # of a bootstrap
-BLOCK = 1.0  # [s]
+LEAST_LAG = 2.0 * LAG_TOLERANCE  # [s] that is worth a word, if it is more than chance: each of the two may be late
 AXES = "xyz"
 
 
@@ -59,7 +58,7 @@ def imu_of(run: MeasuredRun) -> ImuLog | None:
     time, values = (run.time - age)[good], values[good]
     fresh = np.diff(time, prepend=-np.inf) > 1e-6
     time, values = time[fresh], values[fresh]
-    if len(time) < 20 or time[-1] - time[0] < BLOCK:
+    if len(time) < 20 or time[-1] - time[0] < BLOCK_SECONDS:
         return None
     size = np.linalg.norm(values[:, :4], axis=1, keepdims=True)
     return ImuLog(time, values[:, :4] / np.maximum(size, 1e-9), values[:, 4:])
@@ -132,7 +131,7 @@ def match(pairs: Sequence[tuple[Array, Array, Array]], least: float = -REACH, mo
     if total <= 0.0 or np.trace(second) <= 0.0 or not least + SEARCH_STEP < lag < most - SEARCH_STEP:
         return None
     random = np.random.default_rng(0)
-    drawn = [best(random.integers(0, count, count))[0] for _ in range(DRAWS)] if count > 1 else [lag]
+    drawn = [best(random.integers(0, count, count))[0] for _ in range(BOOTSTRAP_DRAWS)] if count > 1 else [lag]
     low, high = np.quantile(drawn, (0.025, 0.975))
     share = 1.0 - float(_left(gram)) / total
     correlation = both / np.maximum(sizes, 1e-300)
@@ -143,7 +142,7 @@ def _grams(time: Array, first: Array, second: Array, lags: np.ndarray, edge: flo
     """Products of both signals, the first at later times, in blocks of the run (lags, blocks, 6, 6)."""
     step = float(np.median(np.diff(time)))
     grid = np.arange(time[0] + edge, time[-1] - edge, step)
-    blocks = max(int(len(grid) * step / BLOCK), 1)
+    blocks = max(int(len(grid) * step / BLOCK_SECONDS), 1)
     if len(grid) < 10:
         return np.empty((len(lags), 0, 6, 6))
     still = _at(time, second, grid)
@@ -207,7 +206,7 @@ def check_imu(runs: Sequence[MeasuredRun]) -> tuple[list[Finding], bool]:
         return match(rows)
 
     plain, inverse = matched(False), matched(True)
-    if plain is None or inverse is None or max(plain.explained, inverse.explained) < EXPLAINED:
+    if plain is None or inverse is None or max(plain.explained, inverse.explained) < MIN_EXPLAINED_SHARE:
         return [], False
     if inverse.explained > 0.5 * (1.0 + max(plain.explained, 0.0)):
         sentence = (
@@ -224,7 +223,7 @@ def _of_match(found: Match) -> Iterator[Finding]:
     if axes is not None and (sentence := told_axes(_inverse(axes), "turn rate", "its orientation")):
         swapped = any(other != k for k, (other, sign) in enumerate(axes) if sign)
         yield _finding("imu.axes" if swapped else "imu.sign", "base.imu.turn_x", sentence)
-    if not 1.0 / ONE_UNIT < found.ratio < ONE_UNIT:
+    if not 1.0 / ANOTHER_UNIT_RATIO < found.ratio < ANOTHER_UNIT_RATIO:
         times = 1.0 / found.ratio
         unit = ": it is in deg/s" if 40.0 < times < 80.0 else ""
         sentence = f"The turn rate of the IMU is {times:.3g} times the derivative of its orientation{unit}."

@@ -17,17 +17,17 @@ from pyarrow import parquet
 
 from ..log.finding import Finding
 from ..log.gaps import GAP_PERIODS
+from ..log.parts import PARTS, PIECE_LENGTH, WARM_UP
 from ..log.progress import Progress
 from ..log.reader import iterate_runs, log_files, read_measured
+from ..log.table import BATCH_ROWS
 from ..log.types import LogError, MeasuredRun, MeasuredSet
 from .data_set import check_run, middle_ones
 
 MAX_SET_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
-WINDOW_SECONDS = 12.0  # [s]
-DATA_PARTS = 3  # of the data: two to fit and choose on, one for the test
+WINDOW_SECONDS = 2.0 * PIECE_LENGTH  # [s]
 MIN_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
-MIN_WINDOW_SECONDS = 6.0  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
-READ_ROWS = 1 << 17
+MIN_WINDOW_SECONDS = 4.0 * WARM_UP  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
 SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
 JUDGED_IN_WHOLE = ("motion.none", "goal.still", "excitation.little")  # a long log may rest for a piece
 
@@ -144,7 +144,7 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
     size, first, period, last = 0, 0, 0.0, -np.inf
     carried: MeasuredRun | None = None
     joints: tuple[str, ...] = ()
-    for piece in iterate_runs(path, READ_ROWS):
+    for piece in iterate_runs(path, BATCH_ROWS):
         progress(f"checking {path.name}: {100 * first / max(rows, 1):.0f} %")
         if piece.time[0] <= last:
             raise LogError(
@@ -234,7 +234,7 @@ def spread(features: np.ndarray, count: int) -> list[tuple[int, int]]:
     """
     total = len(features)
     if total <= count:
-        return [(k, k % DATA_PARTS) for k in range(total)]
+        return [(k, k % len(PARTS)) for k in range(total)]
     scaled = features / np.maximum(np.std(features, axis=0), 0.15)
     liveliest = int(np.argmax(scaled.sum(axis=1)))
     centres, distance = [liveliest], np.linalg.norm(scaled - scaled[liveliest], axis=1)
@@ -249,12 +249,12 @@ def spread(features: np.ndarray, count: int) -> list[tuple[int, int]]:
     for k in range(len(centres)):
         members = np.flatnonzero(nearest == k)
         at = np.unique(np.round(np.array([1 / 6, 1 / 2, 5 / 6]) * (len(members) - 1)).astype(int))
-        chosen += [(int(members[j]), (k + turn) % DATA_PARTS) for turn, j in enumerate(at)]
+        chosen += [(int(members[j]), (k + turn) % len(PARTS)) for turn, j in enumerate(at)]
     rest = np.setdiff1d(np.arange(total), [k for k, _ in chosen])
     missing = min(count - len(chosen), len(rest))
     if missing > 0:  # small clusters leave room: more of the log, evenly
         further = np.linspace(0, len(rest) - 1, missing).astype(int)
-        chosen += [(int(rest[j]), turn % DATA_PARTS) for turn, j in enumerate(further)]
+        chosen += [(int(rest[j]), turn % len(PARTS)) for turn, j in enumerate(further)]
     return chosen
 
 
@@ -267,7 +267,7 @@ def _windows(one: Survey, picked: Sequence[tuple[int, int]], size: int) -> list[
     parts = dict(picked)
     found: dict[int, MeasuredRun] = {}
     first, held = 0, None
-    for piece in iterate_runs(one.path, READ_ROWS):
+    for piece in iterate_runs(one.path, BATCH_ROWS):
         joined = piece if held is None else _joined(held, piece)
         begin = first - (0 if held is None else len(held.time))
         end = first + len(piece.time)

@@ -13,9 +13,9 @@ import numpy as np
 from ...actuators.chain import load_chain
 from ...common.errors import SealegsError
 from ..log.finding import Finding
-from ..log.types import Array
+from ..log.types import MIN_CHANGES, Array
 from .context import JointContext
-from .signal import derivatives, quantisation_step
+from .signal import LAG_REACH, OTHER_ERROR_RATIO, derivatives, quantisation_step
 
 READ_COLUMNS = ("position", "velocity", "link_position", "duty", "current", "torque")
 """Columns that a host reads in every cycle; temperature and voltage are polled less often."""
@@ -23,11 +23,8 @@ MAX_HELD_ROWS = 8  # rows that a column may hold a value for; more is a column o
 MAX_KNOT_ROWS = 25  # rows between two goals that were joined by a line
 REGULAR_STRETCH_SHARE = 0.95  # share of the stretches that must be whole multiples
 MAX_DUTY_ROWS = 12_000  # of a run that the duty is followed over: more tell no more
-MIN_STRETCHES = 40  # stretches from which a rule can be told
 READING_REACH = 0.02  # [s] by which a position may be late, or columns early
-GOAL_LAG_REACH = 0.06  # [s] by which the goal may act late
 DUTY_VARIANCE_SHARE = 0.9  # share of the duty's variance that goal and position must explain
-OTHER_ROW_ERROR_RATIO = 0.5  # of the squared error, from which another row is meant
 DRIVE_LOOP_PERIOD = (
     2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
 )
@@ -63,7 +60,7 @@ def _held(joint: JointContext) -> Iterator[Finding]:
 def held_rows(values: Array, moving: np.ndarray) -> int:
     """For how many rows a column (n,) holds each value while the joint is ``moving`` (n,): 1 where it does not."""
     change = np.flatnonzero(np.diff(values) != 0.0) + 1
-    if len(change) < MIN_STRETCHES:
+    if len(change) < MIN_CHANGES:
         return 1
     lengths = np.diff(change)[moving[change[1:]]]
     return _common(lengths, MAX_HELD_ROWS)
@@ -71,7 +68,7 @@ def held_rows(values: Array, moving: np.ndarray) -> int:
 
 def _common(lengths: np.ndarray, most: int) -> int:
     """The largest number of rows that nearly all stretches are whole multiples of; 1 where there is none."""
-    if len(lengths) < MIN_STRETCHES:
+    if len(lengths) < MIN_CHANGES:
         return 1
     for rows in range(most, 1, -1):
         # the number itself must be there: stretches of 4 and 8 rows are no stretches of 2
@@ -152,9 +149,9 @@ def _follows_held(joint: JointContext, goal: Array, rows: int) -> bool | None:
     logged, held = (following(joint, duty, values) for values in (goal, held_again(goal, rows)))
     if logged is None or held is None or max(logged.explained, held.explained) < DUTY_VARIANCE_SHARE:
         return None
-    if held.error < OTHER_ROW_ERROR_RATIO * logged.error:
+    if held.error < OTHER_ERROR_RATIO * logged.error:
         return True
-    return False if logged.error < OTHER_ROW_ERROR_RATIO * held.error else None
+    return False if logged.error < OTHER_ERROR_RATIO * held.error else None
 
 
 # --- rows of a log that are of different times ---------------------------------------------------------------------
@@ -201,7 +198,7 @@ def following(joint: JointContext, duty: Array, goal: Array) -> Following | None
 
     A position loop answers to the position at the time, so the row that it answers to is of the same time.
     """
-    reach, most = max(round(READING_REACH / joint.period), 1), max(round(GOAL_LAG_REACH / joint.period), 2)
+    reach, most = max(round(READING_REACH / joint.period), 1), max(round(LAG_REACH / joint.period), 2)
     reach, most = min(reach, 6), min(most, 16)
     count = len(duty)
     at = np.arange(most + reach, count - reach)
@@ -275,7 +272,7 @@ def _rows(joint: JointContext) -> Iterator[Finding]:
         return
     if seen.rows == 0 and _before_goal(joint, seen.goal_rows):
         yield before_goal_note(joint.name, "current" if joint.log.duty is None else "duty", joint.period)
-    if seen.rows == 0 or seen.error > OTHER_ROW_ERROR_RATIO * seen.error_now:
+    if seen.rows == 0 or seen.error > OTHER_ERROR_RATIO * seen.error_now:
         return
     seconds = abs(seen.rows) * joint.period
     if seen.rows < 0:

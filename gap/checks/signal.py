@@ -9,13 +9,15 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..log.types import Array
-from .bootstrap import BOOTSTRAP_DRAWS, block_weights
+from .bootstrap import BOOTSTRAP_DRAWS, NORMAL_OVER_MEDIAN, block_weights
 
 DERIVATIVE_WINDOW = 0.05
 """Length of the local polynomial fits [s]: short against servo motion, long against encoder noise."""
 LAG_REACH = 0.06
 """Largest delay or advance of a column that is looked for [s]."""
 LAG_BLOCKS = 24
+OTHER_ERROR_RATIO = 0.5  # of the squared error, to which another reading of a column must bring it to be meant
+MIN_EXPLAINED_SHARE = 0.5  # of a column's variance, that another must explain before both are compared in size
 MIN_NOISE_SAMPLES = 20  # samples of a piece from which its noise can be told
 _BLOCK_SAMPLES = 1 << 15
 
@@ -68,7 +70,6 @@ def _local_fit(t: Array, x: Array, order: int) -> Array:
     return fit if order >= 2 else np.pad(fit, ((0, 0), (0, 2 - order)))
 
 
-NORMAL_OVER_MEDIAN = 1.4826  # standard deviation of normal noise over the median of its size
 CENTRE_WEIGHTS = {3: 0.567, 4: 0.417}
 """Weight of the middle sample in the local fit to it and so many neighbours on each side: the fit follows that part."""
 

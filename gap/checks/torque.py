@@ -11,12 +11,11 @@ from ..log.finding import Finding
 from ..log.torque_side import numbers_and_spread, said_side, side_by_load
 from ..log.types import Array
 from .context import JointContext
-from .torque_balance import Shift, TorqueBalance, shifted_balance
+from .signal import MIN_EXPLAINED_SHARE
+from .torque_balance import SHIFT_BIAS, Shift, TorqueBalance, shifted_balance
 
-MIN_TORQUE_SHIFT = 0.004
+MIN_TORQUE_SHIFT = 2.0 * SHIFT_BIAS
 """Least shift between torque and motion that is worth a word [s]."""
-MIN_TORQUE_VARIANCE_SHARE = 0.5
-"""Least share of the torque's variance that motion and load must explain before a column is judged by them."""
 TORQUE_RATIO_RANGE = (0.6, 1.67)
 """Ratio of logged to needed torque that wrong numbers of the load may make."""
 
@@ -39,9 +38,7 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     if found is None:
         return
     balance, shift = found
-    if (
-        balance.r2(shift.index) < MIN_TORQUE_VARIANCE_SHARE or not balance.terms[:, :2].any()
-    ):  # an empty shaft needs nothing
+    if balance.r2(shift.index) < MIN_EXPLAINED_SHARE or not balance.terms[:, :2].any():  # an empty shaft needs nothing
         return
     name, column = joints[0].name, joints[0].column("torque")
     armature, friction = _inside(balance, joints)

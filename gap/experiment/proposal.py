@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from ..checks.stops import Stop
-from ..log.parts import FIT_A, FIT_B, Unit
+from ..log.parts import FIT_A, FIT_B, PARTS, Unit
 from ..log.types import JointLog, MeasuredRun
 from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
@@ -38,7 +38,7 @@ MAX_SEPARATION = 3.0  # noise floors beyond which a pair needs no more
 NOTHING_MORE = "nothing more"
 """Name of the hypothesis that no further cause is there."""
 MAX_RIVALS = 4
-EXPERIMENT_REPEATS = 3  # times the excitation is to be run: once for each part of the data
+EXPERIMENT_REPEATS = len(PARTS)  # times the excitation is to be run: once for each part of the data
 LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
 NORMAL_RIDGE = 1e-9  # of the normal equations, relative and absolute
 MAX_SHRINKS = 9  # of a motion that a hypothesis predicts to leave the limits, by up to 2 each: to less than a hundredth

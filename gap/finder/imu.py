@@ -11,6 +11,7 @@ from ...common.errors import SealegsError
 from ...envs.engine import turns
 from ...envs.engine.imu import Imu
 from ...envs.engine.robot import Robot
+from ..checks.bootstrap import BLOCK_SECONDS
 from ..checks.imu import (
     IMU,
     ImuLog,
@@ -38,7 +39,6 @@ REACH = 0.12  # [s] by which an IMU is sought to be late beyond what is believed
 CARRIED = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
 SPREADS = 4.0  # standard deviations about an axis of the believed bias, from which a turn about any is worth a word
 LATER = 0.012  # [s] beyond the believed delay that is worth a word; feet and floor that are softer make as much
-BLOCK = 1.0  # [s] of the bootstrap
 DRAWS = 100
 
 
@@ -156,7 +156,7 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
             continue
         inside = (log.time > base.time[0]) & (log.time < base.time[-1])
         log = ImuLog(log.time[inside], log.orientation[inside], log.turn_rate[inside])
-        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * REACH + BLOCK:
+        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * REACH + BLOCK_SECONDS:
             continue
         at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
         share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
@@ -227,7 +227,7 @@ class _Beside:
         asked = at(turns.projected_gravity(self.asked), grid - lag)
         left = max(float(np.std(down - asked, axis=0).mean()), 1e-4)
         parts = (at(self.rate, grid), at(self.asked_rate, grid - lag), down / left, asked / left)
-        count = max(int((grid[-1] - grid[0]) / BLOCK), 1)
+        count = max(int((grid[-1] - grid[0]) / BLOCK_SECONDS), 1)
         return [_Rows(*(part[rows] for part in parts)) for rows in np.array_split(np.arange(len(grid)), count)]
 
 

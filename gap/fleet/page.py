@@ -12,18 +12,18 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ...common.atomic import write_text, written
+from ..log.finding import MAX_TOLD
 from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
 from .table import NOT_DIAGNOSED, Row, Shared
 
 FLEET_FOLDER = Path(__file__).parent
 STYLE_SHEET = FLEET_FOLDER.parent / "output" / "report" / "report.css"
-MAX_DRAWN_CAUSES = 4  # causes whose values are drawn
 
 
 @styled
 def draw_fleet(rows: Sequence[Row], shared: Sequence[Shared]) -> Figure:
     """Servos against causes, coloured by the share of the gap, and beside it the values of the commonest causes."""
-    dotted = [cause for cause in shared if cause.values][:MAX_DRAWN_CAUSES]
+    dotted = [cause for cause in shared if cause.values][:MAX_TOLD]
     count, causes = len(rows), max(len(shared), 1)
     chart = figure(3.2 + 0.62 * causes + 2.1 * len(dotted), 2.2 + 0.3 * count)
     axes = chart.subplots(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...common.atomic import written
+from ..checks.bootstrap import Z95
 from .jobs import Outcome
 
 COLUMNS: tuple[str, ...] = (
@@ -19,7 +20,6 @@ COLUMNS: tuple[str, ...] = (
     "parameter", "value", "low", "high", "unit", "nominal", "sentence",
 )  # fmt: skip
 NOT_DIAGNOSED = "not diagnosed"
-Z95 = 1.96
 
 
 @dataclass(frozen=True)

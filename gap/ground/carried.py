@@ -20,8 +20,10 @@ from ...envs.engine.robot import Robot
 from ...envs.engine.turns import projected_gravity
 from ..checks.signal import derivatives
 from ..load.robot import Frame
+from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
-from .tree_replay import FITTED, FLYWHEEL, FREE, shares
+from .many import WITHOUT_END
+from .tree_replay import shares
 
 REST, SPEEDING = 0.5, 0.2  # [s] that it settles in its first pose, and in which its motion then sets in
 FALLEN = 0.7  # [rad] from upright: what it does then, its legs do not tell
@@ -67,8 +69,8 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
     for name in joints:
         number = model.joint(name).id
         dof = int(model.jnt_dofadr[number])
-        model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = FLYWHEEL, 0.0, 0.0
-        model.jnt_range[number], model.jnt_stiffness[number] = (-FREE, FREE), 0.0
+        model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = WITHOUT_END, 0.0, 0.0
+        model.jnt_range[number], model.jnt_stiffness[number] = (-WITHOUT_END, WITHOUT_END), 0.0
         dofs.append(dof)
     places = [int(model.joint(name).qposadr[0]) for name in joints]
     data = mujoco.MjData(model)
@@ -86,7 +88,7 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
         if not np.isfinite(turned[k]).all() or projected_gravity(turned[k]) @ upright < np.cos(FALLEN):
             break
         if k + 1 < len(clock):
-            data.qfrc_applied[dofs] = FLYWHEEL * (moved[k + 1] - moved[k]) / step
+            data.qfrc_applied[dofs] = WITHOUT_END * (moved[k + 1] - moved[k]) / step
             mujoco.mj_step(model, data)
     else:
         k += 1
@@ -107,7 +109,7 @@ def _paths(run: MeasuredRun, names: list[str], frames: dict[str, Frame], step: f
         frame, log = frames.get(name, Frame()), run.joints[name]
         good = np.isfinite(log.position)
         values = frame.to_model(np.interp(run.time, run.time[good], log.position[good]))
-        smooth, rate, _ = derivatives(run.time, values, FITTED)
+        smooth, rate, _ = derivatives(run.time, values, SPEED_REACH)
         columns.append(CubicHermiteSpline(run.time, smooth, rate)(clock))
     return clock, np.stack(columns, axis=1)
 

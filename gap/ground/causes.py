@@ -8,6 +8,9 @@ from ..causes.catalogue import checked
 from ..causes.cause import Cause
 from ..replay.parameters import Parameter
 
+CONTACT_TIME_FACTOR = 3.0
+"""Factor on the time constant of the engine's contact that fits may take: it stands for no number of the machine."""
+
 
 def ground_causes(
     stiffness: Sequence[float],

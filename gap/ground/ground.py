@@ -9,6 +9,7 @@ import numpy as np
 
 from ...actuators import Chain
 from ...envs.hopper.robot import HOPPER
+from ..experiment.proposal import VISIBLE_DIFFERENCE
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
@@ -24,8 +25,6 @@ from .problem import GroundProblem
 from .tree_ground import lay_robot, stands
 
 GROUND = "ground"
-PILOT = 6  # iterations
-VISIBLE = 0.1  # mean squared change of the errors, in parts of the noise, from which an effect shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +114,7 @@ def _pilot(laid: Laid) -> dict[str, float]:
     nominal = laid.problem.models[0]
     every = [parameter for cause in laid.causes(None) for parameter in cause.variants[0]]
     believed = {p.path: min(p.neutral(nominal), p.high) for p in every}
-    return fit(laid.problem.part(FIT_A, FIT_B), [*laid.tuned, *every], believed, PILOT).values
+    return fit(laid.problem.part(FIT_A, FIT_B), [*laid.tuned, *every], believed, DEFAULT.sketched_iterations).values
 
 
 def _blind(laid: Laid, problem: GroundProblem, values: Mapping[str, float]) -> list[Finding]:
@@ -127,7 +126,7 @@ def _blind(laid: Laid, problem: GroundProblem, values: Mapping[str, float]) -> l
     simulated = problem.simulate([values, *({**values, **change} for change in sizes.values())])
     errors = problem.residual(simulated)
     change = np.mean((errors[1:] - errors[0]) ** 2, axis=1)
-    hidden = [name for name, size in zip(names, change, strict=True) if size < VISIBLE]
+    hidden = [name for name, size in zip(names, change, strict=True) if size < VISIBLE_DIFFERENCE**2]
     if not hidden:
         return []
     return [

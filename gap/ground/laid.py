@@ -9,11 +9,11 @@ import numpy as np
 
 from ..causes.cause import Cause
 from ..log.finding import Finding
-from ..log.parts import FIT_A, FIT_B
+from ..log.parts import FIT_A, FIT_B, PARTS
 from ..replay.parameters import Parameter
 from .problem import GroundProblem
 
-FEWEST = 9  # pieces, three for each part of the data
+FEWEST = 3 * len(PARTS)  # pieces, three for each part of the data
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,11 @@ from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
-from .causes import ground_causes
+from .causes import CONTACT_TIME_FACTOR, ground_causes
 from .laid import FEWEST, Laid, too_few
 from .leg_model import LegModel
-from .leg_replay import JOINTS, STEP, LegReplay
+from .leg_replay import JOINTS, LegReplay
+from .many import STEP
 from .problem import GroundProblem, Judged, ground_problem
 from .stances import COLUMNS, FIRST, MODEL, UNITS, Stance, column_noise, columns, find_stances
 
@@ -107,9 +108,6 @@ def _unlogged() -> Finding:
 
 HEIGHT_ZERO_TOLERANCE = 3e-3  # [m] how well the zero of the height is known
 SHORTEST_TIME_CONSTANT = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
-CONTACT_TIME_FACTOR = (
-    3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
-)
 HARD_STIFFNESS = 2e4  # [N/m] below which that contact is not made by tuning: it would do a soft ground's work unnamed
 SHOWN_IN = {"contact.friction": "base.x", "contact.stiffness": "base.z", "contact.slope": "base.x"}
 STIFFNESS_STARTS, SOFT_STIFFNESS = (1500.0, 5000.0), 4000.0  # [N/m]

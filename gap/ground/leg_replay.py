@@ -19,12 +19,9 @@ from ...envs.engine.scene import FLOOR
 from ...envs.hopper.robot import HIP, KNEE
 from ..log.types import MeasuredRun
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
-from .many import on_many_grounds
+from .many import WITHOUT_END, on_many_grounds
 from .stances import LENGTH, Stance
 
-STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
-MOST_SIMULATIONS = 1024  # side by side
-FLYWHEEL = 1e6  # [kg.m2] of a motor that follows its measured motion
 JOINTS = (HIP, KNEE)
 
 
@@ -61,7 +58,8 @@ class LegReplay:
         for name in JOINTS:  # a motor so heavy that only the force which makes it follow its path can move it
             if _has_motor(model, name):
                 motor = int(model.joint(f"{name}_motor").dofadr[0])
-                model.dof_armature[motor], model.dof_frictionloss[motor], model.dof_damping[motor] = FLYWHEEL, 0.0, 0.0
+                model.dof_armature[motor] = WITHOUT_END
+                model.dof_frictionloss[motor] = model.dof_damping[motor] = 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))
         self.drivetrain.set_teeth()  # they are told per inertia
         self.steps = int(np.ceil(LENGTH / step)) + 1
@@ -111,7 +109,6 @@ class LegReplay:
             states=states,
             time=self.time,
             step=self.step,
-            most=MOST_SIMULATIONS,
         )
 
     def _run(self, legs: Sequence[LegModel], ground: np.ndarray, stance: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -141,7 +138,7 @@ class LegReplay:
             if (number := self.follows[j]) >= 0:
                 motor = int(model.jnt_dofadr[number])
                 qpos[:n, motor], qvel[:n, motor] = self.drive.position[0, stance, j], self.drive.speed[0, stance, j]
-                control[:, :, model.nu + motor] = FLYWHEEL * self.drive.acceleration[:, stance, j].T
+                control[:, :, model.nu + motor] = WITHOUT_END * self.drive.acceleration[:, stance, j].T
         recorded = np.empty((self.steps + 1, n, 4))
         recorded[0] = leg[:, :4]
         spec = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)

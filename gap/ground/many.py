@@ -9,6 +9,11 @@ import numpy as np
 
 from .stances import Stance
 
+STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
+MOST_SIMULATIONS = 512  # side by side
+WITHOUT_END = 1e6
+"""Inertia [kg.m2] or mass [kg] of what follows its measured motion, whatever acts on it, and place [rad or m] of a stop
+that nothing reaches."""
 Model = TypeVar("Model")
 
 
@@ -20,7 +25,6 @@ def on_many_grounds(
     states: np.ndarray | None,
     time: Sequence[np.ndarray],
     step: float,
-    most: int,
 ) -> list[np.ndarray]:
     """Replay pieces on every ground.
 
@@ -33,7 +37,6 @@ def on_many_grounds(
         states: start of each piece, one per ground (v, s, k); default: as measured.
         time: of the samples of each piece since its start [s].
         step: of the engine [s].
-        most: pairs side by side.
 
     Returns:
         Per piece the judged columns at its samples (v, samples, c).
@@ -44,7 +47,7 @@ def on_many_grounds(
     size = states.shape[-1]
     states = np.broadcast_to(states, (len(models), count, size)).reshape(-1, size)
     ground, piece = np.repeat(np.arange(len(models)), count), np.tile(np.asarray(rows), len(models))
-    parts = [slice(first, first + most) for first in range(0, len(ground), most)]
+    parts = [slice(first, first + MOST_SIMULATIONS) for first in range(0, len(ground), MOST_SIMULATIONS)]
     recorded = np.concatenate([run(models, ground[part], piece[part], states[part]) for part in parts], axis=1)
     out = []
     for k, row in enumerate(rows):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...actuators.gravity import GRAVITY
 from ..checks.signal import derivatives, sample_noise
+from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
 from .leg_model import LegModel
 
@@ -17,7 +18,7 @@ COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")
 UNITS = ("m", "m", "rad", "rad")
 BEFORE = 0.06  # [s] from the start of a piece to its touchdown
 LENGTH = 0.3  # [s]
-BASE_FIT, LINK_FIT = 0.03, 0.013  # [s] to both sides of the start, from which its state is fitted
+LINK_FIT = 0.013  # [s] to both sides of the start, from which the state of a joint is fitted: it moves fast
 FLIGHT = 0.08  # [s] shortest flight after which a stance counts
 FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from which the leg counts as flying
 NOISE_HALF = 3  # samples to either side: a leg moves fast
@@ -126,7 +127,7 @@ def _stance(
         return None
     slope = np.stack([leg.mass_centre_ahead(*state[2:4], split=True), -leg.mass_centre(*state[2:4], split=True)])
     for c, fall in ((0, -0.5 * GRAVITY * time**2), (1, 0.0 * time)):
-        near = np.flatnonzero((np.abs(time) <= BASE_FIT) & np.isfinite(values[:, c] + over[c]))
+        near = np.flatnonzero((np.abs(time) <= SPEED_REACH) & np.isfinite(values[:, c] + over[c]))
         if len(near) < 5:
             if c == 0:
                 return None

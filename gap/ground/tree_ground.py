@@ -20,15 +20,16 @@ from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
-from .causes import ground_causes
+from .causes import CONTACT_TIME_FACTOR, ground_causes
 from .laid import FEWEST, Laid, too_few
+from .many import STEP
 from .problem import ground_problem
+from .stances import LENGTH
 from .tree_model import TreeModel, base_joints, base_layout
-from .tree_pieces import LENGTH, BaseColumns, find_pieces
-from .tree_replay import STEP, TreeReplay
+from .tree_pieces import BaseColumns, find_pieces
+from .tree_replay import TreeReplay
 
 HEIGHT = 0.02  # [m] how well the zero of the base's height is known: assumed, of a camera
-TIME = 3.0  # factor on the time constant of the engine's contact, which stands for no number of the machine
 DAMPED = 5.0  # factor on its damping ratio, which stands for none either
 SOFTER = (0.1, 0.3)  # of the stiffness that the model has: where fits of soft ground start
 
@@ -144,7 +145,7 @@ def _numbers(model: TreeModel) -> list[Parameter]:
     """What every fit tunes: how hard and how damped the engine's contact is made, and the zero of the height."""
     shortest = 2.0 * STEP / model.value("contact.time")
     return [
-        factor("contact.time", min(max(1.0 / TIME, shortest), 1.0), 1.0, 0.2),
+        factor("contact.time", min(max(1.0 / CONTACT_TIME_FACTOR, shortest), 1.0), 1.0, 0.2),
         factor("contact.damping_ratio", 1.0 / DAMPED, DAMPED, 0.3),
         Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 1e-3),
     ]

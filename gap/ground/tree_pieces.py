@@ -10,16 +10,15 @@ import numpy as np
 
 from ...envs.engine.base import BaseLayout
 from ..checks.signal import derivatives
+from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
 from .problem import Judged
-from .stances import UNKNOWN_SPEED, Stance, polynomial, sample_error, thinned
+from .stances import LENGTH, UNKNOWN_SPEED, Stance, polynomial, sample_error, thinned
 
 ALONG = ("x", "y", "yaw")  # of the ground: where on it a robot is does not matter
-LENGTH = 0.3  # [s]
-FIT, FIT_SAMPLES = 0.03, 3.5  # [s], and samples, to both sides of a start, from which its state is fitted
+FIT_SAMPLES = 3.5  # to both sides of a start, at least, from which its state is fitted
 FIRST = 0.04  # [s] of a piece that is not judged: its contacts settle
-CHOICE = 0.1  # [s] within which a piece starts where the base moves most evenly
-EDGE = 0.1  # [s] of a run before the first piece
+CHOICE = 0.1  # [s] within which a piece starts where the base moves most evenly; the first begins as much into its run
 MOST = 36  # pieces of a data set; more cost time and teach little
 MODEL = {"m": 5e-4, "rad": 2e-3}
 """What two right models of contact differ by over a piece [m, rad]: assumed, some ticks of the joints at the feet."""
@@ -84,7 +83,7 @@ def find_pieces(runs: Sequence[MeasuredRun], columns: BaseColumns, judged: Judge
     for k, run in enumerate(runs):
         values = columns.values(run)
         rough = _roughness(run, columns, values, judged)
-        for begin in np.arange(run.time[0] + EDGE, run.time[-1] - LENGTH - CHOICE, LENGTH + CHOICE):
+        for begin in np.arange(run.time[0] + CHOICE, run.time[-1] - LENGTH - CHOICE, LENGTH + CHOICE):
             first, last = np.searchsorted(run.time, (begin, begin + CHOICE))
             start = int(first + np.argmin(rough[first : max(last, first + 1)]))
             stop = int(np.searchsorted(run.time, run.time[start] + LENGTH))
@@ -98,7 +97,7 @@ def _roughness(run: MeasuredRun, columns: BaseColumns, values: np.ndarray, judge
     total = np.zeros(len(run.time))
     for c in np.flatnonzero(columns.logged):
         good = np.isfinite(values[:, c])
-        _, _, change = derivatives(run.time, np.interp(run.time, run.time[good], values[good, c]), 2.0 * FIT)
+        _, _, change = derivatives(run.time, np.interp(run.time, run.time[good], values[good, c]), 2.0 * SPEED_REACH)
         total += (change / judged.noise[c]) ** 2
     return total
 
@@ -110,7 +109,7 @@ def _piece(
     size = len(columns.names)
     state, spread = np.zeros(2 * size), np.zeros(2 * size)
     time = run.time - run.time[start]
-    half = max(FIT, FIT_SAMPLES * float(np.median(np.diff(run.time))))
+    half = max(SPEED_REACH, FIT_SAMPLES * float(np.median(np.diff(run.time))))
     for c in range(size):
         if not columns.logged[c]:
             spread[size + c] = UNKNOWN_SPEED

@@ -16,17 +16,13 @@ from scipy.interpolate import CubicHermiteSpline
 from ...actuators.engine import install
 from ..checks.signal import derivatives
 from ..load.robot import Frame
+from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
-from .many import on_many_grounds
-from .stances import Stance
+from .many import STEP, WITHOUT_END, on_many_grounds
+from .stances import LENGTH, Stance
 from .tree_model import TreeModel, ground_of
-from .tree_pieces import LENGTH, BaseColumns
+from .tree_pieces import BaseColumns
 
-STEP = 1e-3  # [s] of the engine
-MOST_SIMULATIONS = 512  # side by side
-FLYWHEEL = 1e6  # [kg.m2 or kg] of a joint that follows its measured motion
-FREE = 1e6  # [rad or m] of a stop that nothing reaches
-FITTED = 0.03  # [s] over which readings of a joint are smoothed
 LOOPS, CLOSED = 20, 1e-10  # steps in which passive joints close a robot's loops, and how well
 
 
@@ -61,8 +57,8 @@ class TreeReplay:
         for name in self.joints:
             number = model.joint(name).id
             dof = int(model.jnt_dofadr[number])
-            model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = FLYWHEEL, 0.0, 0.0
-            model.jnt_range[number], model.jnt_stiffness[number] = (-FREE, FREE), 0.0
+            model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = WITHOUT_END, 0.0, 0.0
+            model.jnt_range[number], model.jnt_stiffness[number] = (-WITHOUT_END, WITHOUT_END), 0.0
         self.steps = int(np.ceil(LENGTH / STEP)) + 1
         self.time = [runs[p.run].time[p.start : p.stop] - runs[p.run].time[p.start] for p in self.pieces]
         self._follow(runs, frames)
@@ -95,7 +91,7 @@ class TreeReplay:
         scale, offset = (1.0, 0.0) if encoder is None else (encoder.scale, encoder.offset)
         good = np.isfinite(log.position)
         values = frame.sign * (np.interp(run.time, run.time[good], log.position[good]) - frame.zero)
-        smooth, rate, _ = derivatives(run.time, (values - offset) / scale, FITTED)
+        smooth, rate, _ = derivatives(run.time, (values - offset) / scale, SPEED_REACH)
         return CubicHermiteSpline(run.time, smooth, rate)
 
     def _closed(self, k: int) -> np.ndarray:
@@ -155,7 +151,6 @@ class TreeReplay:
             states=states,
             time=self.time,
             step=self.step,
-            most=MOST_SIMULATIONS,
         )
 
     def _run(
@@ -182,7 +177,7 @@ class TreeReplay:
         control = np.zeros((n, self.steps, model.nv))
         for j, name in enumerate(self.joints):
             dof = int(model.joint(name).dofadr[0])
-            control[:, :, dof] = FLYWHEEL * self.acceleration[:, piece, j].T
+            control[:, :, dof] = WITHOUT_END * self.acceleration[:, piece, j].T
         spec = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         path = batch.rollout(self.steps, control, spec, ("qpos",), np.arange(n))["qpos"]
         recorded = np.empty((self.steps + 1, n, size))

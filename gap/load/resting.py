@@ -14,20 +14,20 @@ import mujoco
 import numpy as np
 
 from ...envs.described.model_file import centre_of
-from ..log.parts import stretches
+from ..log.parts import PARTS, stretches
 from ..log.types import Array, MeasuredRun
 from .robot import LoggedRobot
 
 POSE_RATE = 25.0  # [1/s] at which poses are looked at
 SLOW_SPEEDS = (0.1, 0.4)  # [rad/s] below which joints are judged: what a log has enough of, the slower the clearer
 REVERSAL_SPEED = 0.05  # [rad/s] over which dry friction turns around
-MAX_SINKING = 0.1  # of its reach that a robot sinks in a second at most while it rests
 SPEED_SECONDS = 0.3  # [s] over which a speed is told
 MIN_HEIGHT_LEVER = 0.01  # [m/rad] from which the height of a body tells of a joint
 RESTING_HEIGHT_SHARE = (
     0.05  # of the reach of a robot: heights above the lowest one at which it may rest, where its shape is not known
 )
-CLEAR_HEIGHT_SHARE = 0.1  # and above which it certainly does not
+CLEAR_HEIGHT_SHARE = 2.0 * RESTING_HEIGHT_SHARE
+"""And above which it certainly does not; while it rests, it sinks by less in a second."""
 CONTACT_HEIGHT_QUANTILE = 0.95  # share of the poses that certainly rest, above whose heights no contact is expected
 CONTACT_THICKNESS = 0.002  # [m] by which it may be higher all the same
 MIN_CLEAR_SECONDS = 8.0  # [s] slow and clear of what is below, in which what holds a joint is seen
@@ -36,7 +36,7 @@ HOLDING_TAIL_SHARE = 0.005  # of these on either side that may be anything
 PUSH_BEYOND_SHARE = 0.25  # of the width of what friction holds, by which a push must leave it
 MIN_PUSH = 0.005  # [rad] and at least so much: resolution, and what a soft drive leaves
 MIN_CONTACT_SECONDS = 0.2  # [s] of one contact
-MIN_RESTING_SECONDS = 0.6  # [s] of all
+MIN_RESTING_SECONDS = len(PARTS) * MIN_CONTACT_SECONDS  # [s] of all
 CONTACT_MARGIN = 0.1  # [s] around a contact that is left out with it
 MIN_PUSHED_JOINTS = 2  # joints at least
 HINGE_KIND = int(mujoco.mjtJoint.mjJNT_HINGE)
@@ -155,7 +155,7 @@ def _on_body(
         pushed += _pushed(error[:, dof], moves, lever[:, dof], clear)
     sinks = np.concatenate([_rate(each.time, h) for (h, _), each in zip(places, poses, strict=True)])
     near = (height < lowest + RESTING_HEIGHT_SHARE * reach) & (goals < height)
-    above = near & (sinks < MAX_SINKING * reach)
+    above = near & (sinks < CLEAR_HEIGHT_SHARE * reach)
     sure = above & judged & (pushed >= MIN_PUSHED_JOINTS)
     if _seconds(_stretches(poses, sure, sure)) < MIN_RESTING_SECONDS:
         return None

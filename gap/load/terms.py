@@ -12,20 +12,29 @@ supply, as logged.
 from __future__ import annotations
 
 # of a row, and of what a replay has at hand at one time
-E_POSITION = 0  # measured [rad], around which the rest holds
-E_SPEED = 1  # measured [rad/s]
-E_INERTIA = 2  # of the joint with all others held [kg.m2]
-E_BIAS = 3  # torque that the measured motion of the others needs of this one, itself not accelerated [N.m]
-E_SLOPE = 4  # its change with the own position [N.m/rad]
-E_CURVE = 5  # second change with it [N.m/rad2]
-E_DRAG = 6  # change with the own speed [N.m.s/rad]
-E_COUPLING = 7  # part of the bias that accelerations of the others make [N.m]: no load to the laws of a chain
-E_SIZE = 8
+(
+    E_POSITION,  # measured [rad], around which the rest holds
+    E_SPEED,  # measured [rad/s]
+    E_INERTIA,  # of the joint with all others held [kg.m2]
+    E_BIAS,  # torque that the measured motion of the others needs of this one, itself not accelerated [N.m]
+    E_SLOPE,  # its change with the own position [N.m/rad]
+    E_CURVE,  # second change with it [N.m/rad2]
+    E_DRAG,  # change with the own speed [N.m.s/rad]
+    E_COUPLING,  # part of the bias that accelerations of the others make [N.m]: no load to the laws of a chain
+    E_SIZE,
+) = range(9)
 
-T_OWN = 2  # where the first block starts
-T_SIZE = 6  # columns of a block
-T_SPIN = 4  # block of the inertia of the joint's own body
-T_PASSIVE = 5  # block of springs and the like
-T_BLOCKS = 6
+T_OWN = E_INERTIA  # where the first block starts
+T_SIZE = E_SIZE - T_OWN  # columns of a block
+# blocks: all that hangs behind the joint, a payload, the centre of mass of its own body and the square of its way
+(
+    T_ALL,
+    T_PAYLOAD,
+    T_CENTRE,
+    T_CENTRE_SQUARED,
+    T_SPIN,  # the inertia of the joint's own body
+    T_PASSIVE,  # springs and the like
+    T_BLOCKS,
+) = range(7)
 T_DRAWN = T_OWN + T_BLOCKS * T_SIZE  # column of what other joints draw [A]
 T_COLUMNS = T_DRAWN + 1

@@ -21,17 +21,13 @@ from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_DRAWN, T_OW
 from .ties import Turned, moved_by
 
 NO_SAME_FRAME = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
-DERIVATIVE_ANGLE = (
-    0.02  # [rad] or [m] either side of the measured position at which the terms are taken for their derivatives
-)
-DERIVATIVE_SPEED = 0.02  # [rad/s] or [m/s] either side of the measured speed, the same for what a fluid takes
+DERIVATIVE_STEP = 0.02  # [rad] or [m], and a second, either side of what was measured, at which derivatives are taken
 # columns of a block
 INERTIA, BIAS, CURVE = E_INERTIA - T_OWN, E_BIAS - T_OWN, E_CURVE - T_OWN
 DRAG, COUPLING = E_DRAG - T_OWN, E_COUPLING - T_OWN
 PAYLOAD_SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
 NO_LEVER = 1e-6  # [m] from a joint to a centre of mass that lies in its axis
 NO_MASS = 1e-9  # [kg] that count as nothing
-CENTRE_SHIFT = 0.01  # [m] of a centre of mass, either way: its effect is quadratic, so any does
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +132,12 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
     own = _block(model, joint, motion)
     rows = [motion.position[:, [dof]], sign * motion.speed[:, [dof]], own]
     if changes:  # of bodies alone: what compensates their weight stays as it was computed
-        further, nearer = (_block(_shifted(model, joint, way * CENTRE_SHIFT), joint, motion) for way in (1.0, -1.0))
+        further, nearer = (_block(_shifted(model, joint, way * DERIVATIVE_STEP), joint, motion) for way in (1.0, -1.0))
         rows.append(_block(_payload(model, tip_behind(model, joint)), joint, motion))
-        rows += [(further - nearer) / (2.0 * CENTRE_SHIFT), (further + nearer - 2.0 * own) / (2.0 * CENTRE_SHIFT**2)]
+        rows += [
+            (further - nearer) / (2.0 * DERIVATIVE_STEP),
+            (further + nearer - 2.0 * own) / (2.0 * DERIVATIVE_STEP**2),
+        ]
         rows.append(spin_block(model, joint, motion))
     else:
         rows += [np.zeros_like(own)] * 4
@@ -209,10 +208,10 @@ def passive_block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
     torques = np.empty((len(motion.position), 3))
     for k, (row, speed) in enumerate(zip(motion.position, motion.speed, strict=True)):
         data.qpos[address] = row[dofs]
-        torques[k] = [placed(row, speed, way) for way in (DERIVATIVE_ANGLE, 0.0, -DERIVATIVE_ANGLE)]
+        torques[k] = [placed(row, speed, way) for way in (DERIVATIVE_STEP, 0.0, -DERIVATIVE_STEP)]
         if braked:
-            above, below = (placed(row, speed, 0.0, faster) for faster in (DERIVATIVE_SPEED, -DERIVATIVE_SPEED))
-            out[k, DRAG] += (above - below) / (2.0 * DERIVATIVE_SPEED)
+            above, below = (placed(row, speed, 0.0, faster) for faster in (DERIVATIVE_STEP, -DERIVATIVE_STEP))
+            out[k, DRAG] += (above - below) / (2.0 * DERIVATIVE_STEP)
     above, here, below = torques.T
     out[:, BIAS] += here
     out[:, BIAS + 1], out[:, CURVE] = _derivatives(model, joint, above, here, below)
@@ -232,9 +231,9 @@ def _add_ties(model: mujoco.MjModel, joint: int, motion: Motion, out: Array) -> 
 def _derivatives(model: mujoco.MjModel, joint: int, above: Array, here: Array, below: Array) -> tuple[Array, Array]:
     """Slope and curve of torques (n,) from those either side; of a hinge as of a + b sin(away) + c (1 - cos(away))."""
     if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
-        return (above - below) / (2.0 * DERIVATIVE_ANGLE), np.zeros_like(here)
-    return (above - below) / (2.0 * math.sin(DERIVATIVE_ANGLE)), (above + below - 2.0 * here) / (
-        2.0 * (1.0 - math.cos(DERIVATIVE_ANGLE))
+        return (above - below) / (2.0 * DERIVATIVE_STEP), np.zeros_like(here)
+    return (above - below) / (2.0 * math.sin(DERIVATIVE_STEP)), (above + below - 2.0 * here) / (
+        2.0 * (1.0 - math.cos(DERIVATIVE_STEP))
     )
 
 
@@ -252,7 +251,7 @@ def _block(model: mujoco.MjModel, joint: int, motion: Motion) -> Array:
         others = motion.acceleration[part] - np.outer(motion.acceleration[part][:, own], together)
         above, below = (
             _needed(*dynamics.at(position + way * together, speed), others)
-            for way in (DERIVATIVE_ANGLE, -DERIVATIVE_ANGLE)
+            for way in (DERIVATIVE_STEP, -DERIVATIVE_STEP)
         )
         row, still = dynamics.at(position, speed)
         here = _needed(row, still, others)

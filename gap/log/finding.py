@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+MAX_TOLD = 4
+"""Items of a list that are told or drawn; more are not read."""
 Severity = Literal["error", "warning", "note"]
 
 

@@ -9,11 +9,10 @@ import numpy as np
 
 from .types import LogError, MeasuredRun
 
-WARM_UP = 1.5  # [s] replayed but not judged, so that what came before a piece is forgotten
-QUIET_SEARCH = 1.5  # [s] before that in which a quiet start is looked for
+WARM_UP = 1.5  # [s] replayed but not judged, so that what came before is forgotten; a quiet start is sought as long
 STATE_SAMPLES = 2.5  # periods either side of a sample, at least, over which its speed is read
 AWAY = 0.5  # [1/s] of the range of a motion, by which a speed must be read better to be read at an end of a search
-SLOPE = 0.03  # [s] either side of a sample over which its speed is read, and twice that
+SPEED_REACH = 0.03  # [s] either side of a sample over which its speed is read, and twice that
 QUIET_REACH = 0.05  # [s] either side of a sample over which its motion is judged
 # of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
 # play the link lies
@@ -21,10 +20,10 @@ START_SHARE, LEAST_START, MOST_START = 0.04, 0.1, 1.0  # share of it, and [s] be
 SWING_SHARE = 0.125  # of a run that is not judged at its start where the link hangs on a spring, whose state is unknown
 FEWEST_PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
 PIECE_LENGTH = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
-ENOUGH_RUNS = 6
 LEAST_FREE = 0.5  # [s] that is judged at least between two stretches in which something touches what a joint moves
 LONG_RUN = 60.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
-FIT_A, FIT_B, TEST = 0, 1, 2
+PARTS = FIT_A, FIT_B, TEST = range(3)
+ENOUGH_RUNS = 2 * len(PARTS)  # to hold whole ones out
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,17 +178,13 @@ def _unit(runs: Sequence[MeasuredRun], k: int, joint: str, part: int, begin: flo
     time = runs[k].time
     span = time[-1] - time[0]
     first, last = time[0] + begin * span, time[0] + end * span
-    start = (
-        _quiet(time, runs[k].joints[joint].position, first - QUIET_SEARCH - WARM_UP, first - WARM_UP)
-        if begin > 0.0
-        else 0
-    )
+    start = _quiet(time, runs[k].joints[joint].position, first - 2.0 * WARM_UP, first - WARM_UP) if begin > 0.0 else 0
     swing = min(max(START_SHARE * span, LEAST_START), MOST_START)
     if runs[k].joints[joint].link_position is not None:
         swing = min(SWING_SHARE * span, WARM_UP)
     judged = int(np.searchsorted(time, first if begin > 0.0 else first + swing))
     if begin == 0.0 and "excerpt" in runs[k].meta:  # a window of a long log: something came before it
-        start = _quiet(time, runs[k].joints[joint].position, first, first + QUIET_SEARCH)
+        start = _quiet(time, runs[k].joints[joint].position, first, first + WARM_UP)
         judged = int(np.searchsorted(time, time[start] + WARM_UP))
     stop = int(np.searchsorted(time, last, side="right")) if end < 1.0 else len(time)
     return Unit(k, part, start, stop, max(judged - start, 1), state_at(time, runs[k].joints[joint].position, start))
@@ -215,7 +210,7 @@ def steady(time: np.ndarray, position: np.ndarray, command: np.ndarray, earliest
     """
     a, b = np.searchsorted(time, [earliest, latest])
     samples = np.arange(a, max(b, a + 1))
-    reach = max(round(SLOPE / float(np.median(np.diff(time)))), 1)
+    reach = max(round(SPEED_REACH / float(np.median(np.diff(time)))), 1)
 
     def slope(reach: int) -> np.ndarray:
         before, after = np.maximum(samples - reach, 0), np.minimum(samples + reach, len(time) - 1)
@@ -223,13 +218,13 @@ def steady(time: np.ndarray, position: np.ndarray, command: np.ndarray, earliest
 
     span = float(np.nanmax(command) - np.nanmin(command)) if np.isfinite(command).any() else 0.0
     jumps = np.nan_to_num(np.abs(np.diff(command, prepend=command[:1]))) * np.ptp(position) / max(span, 1e-12)
-    recent = np.array([jumps[max(k - 2 * reach, 0) : k + 1].max() for k in samples]) / (2.0 * SLOPE)
+    recent = np.array([jumps[max(k - 2 * reach, 0) : k + 1].max() for k in samples]) / (2.0 * SPEED_REACH)
     middle, half = 0.5 * (earliest + latest), 0.5 * (latest - earliest)
     away = AWAY * np.ptp(position) * np.abs(time[samples] - middle) / half
     return int(samples[np.argmin(np.abs(slope(reach) - slope(2 * reach)) + recent + away)])
 
 
-def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = SLOPE) -> tuple[float, float]:
+def state_at(time: np.ndarray, position: np.ndarray, sample: int, width: float = SPEED_REACH) -> tuple[float, float]:
     """Position [rad] and speed [rad/s] at a sample, from a parabola through the positions around it."""
     width = max(width, STATE_SAMPLES * float(np.median(np.diff(time[max(sample - 5, 0) : sample + 6]))))
     near = np.flatnonzero(np.abs(time - time[sample]) <= width)

@@ -18,7 +18,7 @@ ENDINGS = (".csv", ".parquet")
 ONLY_JOINT = "joint"
 """Joint of columns without one, where the sidecar names none: the bench's."""
 _CSV_BLOCK_BYTES = 8 << 20
-_PARQUET_BATCH_ROWS = 1 << 17
+BATCH_ROWS = 1 << 17
 
 
 def read_batches(
@@ -57,7 +57,7 @@ def _parquet_batches(path: Path, only_joint: str, driven: Collection[str] | None
                 numeric = pa.types.is_integer(field.type) or pa.types.is_floating(field.type)
                 if not (numeric or pa.types.is_boolean(field.type)):
                     raise LogError(f"{path}: column '{field.name}' holds {field.type} values; it must hold numbers")
-            for batch in file.iter_batches(_PARQUET_BATCH_ROWS):
+            for batch in file.iter_batches(BATCH_ROWS):
                 yield {name: _as_float(batch.column(i)) for i, name in enumerate(names)}
     except pa.ArrowInvalid:
         raise LogError(f"{path}: is not a Parquet file, or a damaged one; copy or convert it again") from None

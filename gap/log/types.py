@@ -58,6 +58,12 @@ REQUIRED_EVERYWHERE = ("goal", "goal_velocity", "torque_command", "position", "e
 """Signals that may not miss a value in any sample where their column exists."""
 
 
+READING_SHARE = 0.98
+"""Share of the samples in motion in which a goal that was never one is the reading itself."""
+MIN_CHANGES = 40
+"""Changes of a column from which a rule of them can be told."""
+
+
 @dataclass(frozen=True, eq=False)
 class JointLog:
     """The signals of one joint, each of shape (n,), float64, NaN where a sample lacks a value.

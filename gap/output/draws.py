@@ -17,6 +17,7 @@ from ...actuators.layout import P_STATE_SIZE
 from ...common.errors import SealegsError
 from ...envs.extended import Draws, Extended
 from ...envs.robots import get_robot
+from ..checks.bootstrap import Z95
 from ..log.parts import FIT_A, FIT_B
 from ..log.types import MeasuredSet
 from ..replay.parameters import Parameter, numbers
@@ -28,7 +29,6 @@ from .extension import Taken, extended_of
 
 COUNT = 32
 TRIES = 8  # of a machine that cannot be built, or whose chain has another law
-NORMAL = 1.96  # half of a 95 % interval, in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def spread_of(diagnosis: JointDiagnosis, seed: int = 0) -> Spread | None:
     correlation = linearised(fitted, parameters, found).correlation()
     sizes, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.maximum(sizes, 0.0))
-    return Spread(tuple(parameters), centre, np.array(half) / NORMAL, root)
+    return Spread(tuple(parameters), centre, np.array(half) / Z95, root)
 
 
 def with_draws(
@@ -103,7 +103,7 @@ def _drawn(
 ) -> list[JointDiagnosis]:
     """The diagnoses of a machine that may be the one that was measured."""
     shared = {  # of all chains, such as the latency
-        number: rng.normal() * 0.5 * (value.high - value.low) / NORMAL
+        number: rng.normal() * 0.5 * (value.high - value.low) / Z95
         for one in diagnoses
         if one.joint == ROBOT
         for cause in one.causes

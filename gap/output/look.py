@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ..log.finding import MAX_TOLD
 from ..robot.together import FirstLook, told
 from ..search.look import Look
 from ..search.structure import fine
 from .numbers import number
 
-MOST = 4  # numbers told of a joint
 NOISES = 1.0  # by which a number must move a joint to be told
 PROVISIONAL = (
     "A first look, provisional: all usual numbers turned together, and no data held back to judge them. "
@@ -28,7 +28,7 @@ def lines_of(found: FirstLook) -> Iterator[str]:
         before, after, noise = (fine(error, unit) for error in (*seen.errors, seen.problem.noise))
         yield ""
         yield f"{joint}: error {before} as believed, {after} with these numbers (noise {noise})"
-        yield from list(_numbers(seen, unit))[:MOST] or ["  nothing that would move it by more than the noise"]
+        yield from list(_numbers(seen, unit))[:MAX_TOLD] or ["  nothing that would move it by more than the noise"]
 
 
 def _numbers(seen: Look, unit: str) -> Iterator[str]:

@@ -9,6 +9,7 @@ import numpy as np
 from ...common.errors import nearest
 from ...envs.described.robot_file import is_robot_file
 from ...envs.robots import ROBOTS
+from ..checks.columns import ANOTHER_UNIT_RATIO
 from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.motion import MAX_STOPPED_ANGLE
 from ..checks.off import released
@@ -28,7 +29,6 @@ TURN_IN_UNITS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
 """A whole turn in each unit of an angle."""
 ENCODER_BITS = (8, 24)  # of an encoder: its steps are a turn by a power of two
 BIT_TOLERANCE = 1e-3  # of a bit, which a number of steps may be off a power of two
-SAME_WAY_RATIO = 2.0  # ratio of two ways up to which they are of one motion in one unit
 OTHER_UNITS = ("unit.degrees", "unit.ticks", "unit.millimetres", "unit.length")
 """Findings that a position or goal is in another unit than the model's."""
 
@@ -164,7 +164,7 @@ def _check_ways(run: MeasuredRun, now: MeasuredRun, converted: dict[str, str]) -
 def _move_alike(one: Array, other: Array) -> bool:
     """Whether two columns go about equally far."""
     ways = float(np.ptp(one)), float(np.ptp(other))
-    return max(ways) < SAME_WAY_RATIO * min(ways)
+    return max(ways) < ANOTHER_UNIT_RATIO * min(ways)
 
 
 def _check_said(findings: list[Finding], converted: dict[str, dict[str, str]]) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..causes.catalogue import adjustable, catalogue
+from ..checks.signal import OTHER_ERROR_RATIO
 from ..load.robot import Frame, LoggedRobot, Machine
 from ..log.finding import Finding
 from ..log.parts import held_out
@@ -32,9 +33,6 @@ from ..search.structure import listed
 from .columns import commanded
 from .pieces import chain_of, cut_joint, nominal_replays
 
-TAKEN_ERROR_RATIO = (
-    0.5  # of the mean squared error of one joint's nominal replay, to which frames must bring it to be taken
-)
 OTHERS_ERROR_RATIO = 1.2  # times that error, to which it may rise at other joints, and of this joint in any run
 PLAINER_ERROR_RATIO = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
 ZERO_ROUNDS = 3  # times that the zeros of taken frames are fitted, each in the light of the others
@@ -306,7 +304,7 @@ def _nearer(before: Missed, after: Missed) -> bool:
     if any(whole(after, joint) > OTHERS_ERROR_RATIO * whole(before, joint) for joint in joints):
         return False
     return any(
-        whole(after, joint) < TAKEN_ERROR_RATIO * whole(before, joint)
+        whole(after, joint) < OTHER_ERROR_RATIO * whole(before, joint)
         and all(now[joint] <= OTHERS_ERROR_RATIO * then[joint] for then, now in zip(before, after, strict=True))
         for joint in joints
     )

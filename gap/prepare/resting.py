@@ -11,7 +11,7 @@ import numpy as np
 
 from ..load.resting import Resting, find_resting
 from ..load.robot import Machine
-from ..log.finding import Finding
+from ..log.finding import MAX_TOLD, Finding
 from ..log.parts import cut
 from ..log.progress import Progress
 from ..log.types import MeasuredRun
@@ -24,7 +24,6 @@ TOUCHES = "robot.touches"
 RESTS = "robot.rests"
 """Code of the finding that the robot rests on something level."""
 MIN_JUDGED_SHARE = 0.4  # of what is judged of a joint, that must be left without the contacts
-MAX_TOLD_CONTACTS = 4  # contacts that are said with their times
 
 
 def without_rests(
@@ -122,8 +121,8 @@ def _judged(runs: Sequence[MeasuredRun], joint: str, test_group: str | None) -> 
 
 def _finding(resting: Resting, runs: Sequence[MeasuredRun], *, left_out: bool) -> Finding:
     every = [(run.name, a, b) for run in runs for a, b in resting.stretches.get(run.name, ())]
-    said = "; ".join(f"{name} {a:.1f} to {b:.1f} s" for name, a, b in every[:MAX_TOLD_CONTACTS])
-    more = f"; and {len(every) - MAX_TOLD_CONTACTS} more" if len(every) > MAX_TOLD_CONTACTS else ""
+    said = "; ".join(f"{name} {a:.1f} to {b:.1f} s" for name, a, b in every[:MAX_TOLD])
+    more = f"; and {len(every) - MAX_TOLD} more" if len(every) > MAX_TOLD else ""
     done = f"These stretches are left out at {listed(resting.joints)}."
     if not left_out:
         done = (

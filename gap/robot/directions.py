@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ..load.robot import LoggedRobot
-from ..load.tree import NO_SAME_FRAME, Motion, block_along, carries, least_payload, tip_behind
+from ..load.tree import DERIVATIVE_STEP, NO_SAME_FRAME, Motion, block_along, carries, least_payload, tip_behind
 from ..log.types import Array, MeasuredRun
 from ..replay.parameters import Parameter
 from ..search.settings import DEFAULT
@@ -23,8 +23,7 @@ from ..search.settings import DEFAULT
 ABOUT_JOINTS = "robot.about_joints"
 """Number that says how much of mass times distance squared the file's inertias have too much."""
 ROW_RATE = 200.0  # [Hz] at which rows are computed; between them they are straight lines
-DERIVATIVE_SHIFT = 1e-3  # [m] and
-DERIVATIVE_TILT = 0.02  # [rad] over which derivatives are taken
+DERIVATIVE_SHIFT = 1e-3  # [m] over which derivatives are taken
 TILT_PARAMETERS = tuple(Parameter(f"base.tilt_{axis}", "rad", -0.5, 0.5, 0.0, 0.01) for axis in "xy")
 """How far the base is tilted about either axis."""
 
@@ -147,9 +146,9 @@ def _tilt(model: mujoco.MjModel, axis: int) -> Direction:
     def change() -> tuple[mujoco.MjModel, mujoco.MjModel, float]:
         before, other = _uncompensated(model), _uncompensated(model)
         x, y, z = (float(part) for part in model.opt.gravity)
-        c, s = math.cos(DERIVATIVE_TILT), math.sin(DERIVATIVE_TILT)
+        c, s = math.cos(DERIVATIVE_STEP), math.sin(DERIVATIVE_STEP)
         other.opt.gravity[:] = (x, c * y + s * z, c * z - s * y) if axis == 0 else (c * x - s * z, y, s * x + c * z)
-        return before, other, DERIVATIVE_TILT
+        return before, other, DERIVATIVE_STEP
 
     return Direction(TILT_PARAMETERS[axis], 0.0, change, ("base",), f"tilt_{'xy'[axis]}")
 

@@ -24,6 +24,7 @@ from ..replay.parameters import BAR, Parameter, absolute
 from ..replay.problem import JointProblem
 from ..replay.tree import motion_of, terms_of
 from ..search.fit import fit, merge, middle
+from ..search.settings import DEFAULT
 from ..search.sketch import spread
 from ..verdict.verdict import JointDiagnosis
 from .directions import rows_of, tilt
@@ -39,7 +40,6 @@ EITHER_CODE = "robot.encoder_or_tilt"
 """Code of the finding that says that a tilted base does the same as the encoder of a joint."""
 INDISTINCT_LOSS_SHARE = 0.05  # of the loss by which two explanations must differ to be told apart: assumed
 REJUDGED_LOSS_SHARE = 0.02  # of its loss, from which a joint is judged again: assumed
-MAX_FIT_STEPS = 6  # of a fit whose numbers are known to within a little
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class _Weighed:
         numbers = {name: self._numbers(name) for name in self.problems}
         tuned = [p.of_joint(name) for name, mine in numbers.items() for p in mine]
         start = {f"{name}{BAR}{path}": x for name in numbers for path, x in middle(*self.searches[name].fits).items()}
-        found = fit(problem, [*(d.parameter for d in directions), *tuned], start, MAX_FIT_STEPS)
+        found = fit(problem, [*(d.parameter for d in directions), *tuned], start, DEFAULT.sketched_iterations)
         return float(problem.block_errors(found.simulated).sum())
 
     def _numbers(self, joint: str) -> list[Parameter]:
@@ -211,7 +211,7 @@ class _Weighed:
 
     def _loss(self, joint: str, numbers: Sequence[Parameter], problem: JointProblem | None = None) -> float:
         replayed = problem or self.problems[joint]
-        found = fit(replayed, numbers, middle(*self.searches[joint].fits), MAX_FIT_STEPS)
+        found = fit(replayed, numbers, middle(*self.searches[joint].fits), DEFAULT.sketched_iterations)
         return float(replayed.block_errors(found.simulated).sum())
 
 

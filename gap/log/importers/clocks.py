@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..reader import SLOWEST_PERIOD
 from ..types import Array
 from .expression import quoted
 from .lines import ASK, LIKELY, SURE, Line
 from .motion import whole_numbers
 from .names import Claim, said
-from .recording import Recording
+from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
 from .units import measures
 
-SLOWEST_PERIOD, FASTEST_PERIOD = 0.5, 2e-5  # [s] sample periods of logs that show the motion of a servo
+FASTEST_PERIOD = 2e-5  # [s] sample period of the fastest logs that there are
 FASTEST_USUAL_PERIOD = 1e-4  # [s] of the fastest logs that are usual
 SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of clocks [s]."""
@@ -32,10 +33,6 @@ STAMP = re.compile(r"(?P<stem>.*?)[._/ -]?(?:(?P<whole>[sS]ecs?)|(?P<ms>(?i:mill
                    r"|(?P<ns>(?i:nano|n)(?i:secs?)))?")  # fmt: skip
 """A stamp in two columns: its whole seconds, and the part of a second by its unit."""
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
-DISORDER_SHARE = 0.01
-"""Share of the rows that go back in time from which a file is in no order, and not of several recordings."""
-OVERLAP_SHARE = 0.5
-"""Share of the longest recording for which all run, of joints that were recorded together."""
 HELD = frozenset(["goal", "goal_velocity", "torque_command", "enabled"])
 """Signals that hold until the next one is sent."""
 
@@ -77,7 +74,7 @@ def together(times: Sequence[Array]) -> bool:
 def overlap(times: Sequence[Array]) -> bool:
     """Whether recordings ran side by side for most of the longest."""
     begin, end = max(time[0] for time in times), min(time[-1] for time in times)
-    return bool(end - begin > OVERLAP_SHARE * max(time[-1] - time[0] for time in times))
+    return bool(end - begin > MOST_OF_THEM * max(time[-1] - time[0] for time in times))
 
 
 def held(time: Array, values: Array, at: Array) -> Array:
@@ -169,7 +166,7 @@ def _is_stamp(whole: Array, part: Array, count: float) -> bool:
     if len(seconds) < 3 or not whole_numbers(seconds) or parts.min() < 0.0 or parts.max() >= count:
         return False
     steps = np.diff(seconds - seconds[0] + parts / count)
-    return FASTEST_PERIOD <= float(np.median(steps)) <= SLOWEST_PERIOD and bool((steps < 0.0).mean() <= DISORDER_SHARE)
+    return FASTEST_PERIOD <= float(np.median(steps)) <= SLOWEST_PERIOD and bool((steps < 0.0).mean() <= STRAY_SHARE)
 
 
 def _summed_stamp(recording: Recording, whole: str, part: str, unit: str) -> Line:
@@ -279,7 +276,7 @@ def clock_fault(values: Array) -> str:
         where = f"it jumps back in row {rows[0] + 1}, from {known[at]:g} to {known[at + 1]:g}"
         if any(0.95 * 2.0**bits < known[at] < 2.0**bits for bits in (16, 24, 32)):
             where += ", as a counter that overflows: write counter(<column>), in seconds. Else"
-        if len(rows) > DISORDER_SHARE * len(known):
+        if len(rows) > STRAY_SHARE * len(known):
             return f"{where}, and in {len(rows)} rows in all: put the rows into their order, or record again"
         if len(rows) > 1:
             further = ", ".join(str(row + 1) for row in rows[1:4])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..types import Array
+from ..types import MIN_CHANGES, READING_SHARE, Array
 from .expression import names_in, quoted
 from .lines import ASK, LIKELY, POSITION, SURE, Line, in_unit
 from .motion import LONGEST_LAG, Relation, move_apart, span
@@ -19,8 +19,6 @@ ANOTHER_UNIT = 5.0
 """Factor from which a goal may be in another unit than its position: rad and turns, the nearest two, are 6.3 apart."""
 LONGEST_SHARE = 0.95
 """Share of the longest delay that is looked at from which the best one is at its end."""
-READING_SHARE, FEWEST_CHANGES = 0.98, 40
-"""Share of the samples in motion in which a goal that was never one is the reading itself, and how many tell it."""
 SCALED_ACTIONS, ACTION_OFFSET = 1.5, 0.3
 """Times as far as the actions from which a joint follows scaled ones; share of a joint's range by which it stands
 beside them."""
@@ -106,7 +104,7 @@ def _reading(goal: Array, position: Array) -> int:
     """How many rows ahead a goal is the reading itself, 0 or 1; -1 where it is none."""
     changes = np.flatnonzero(np.diff(position) != 0.0)
     shares = [float(np.mean(goal[changes] == position[changes + ahead])) for ahead in (0, 1)]
-    return shares.index(max(shares)) if len(changes) >= FEWEST_CHANGES and max(shares) >= READING_SHARE else -1
+    return shares.index(max(shares)) if len(changes) >= MIN_CHANGES and max(shares) >= READING_SHARE else -1
 
 
 def action_line(line: Line, goes: Relation, values: Array, position: Array, base: Line) -> Line:

@@ -19,14 +19,12 @@ from ..sidecar import Sidecar, checked_kinds, checked_parts
 from ..table import check_columns
 from ..types import REQUIRED_EVERYWHERE, SIGNAL_UNITS, Array, LogError, MeasuredRun
 from .expression import ROW, column, evaluate, names_in, quoted
-from .recording import Recording
+from .recording import LARGEST_EXACT, Recording
 
 FOLDER = Path(__file__).resolve().parents[3] / "configs" / "mapping"
 """Mappings of published data sets, by one word."""
 KEYS = ("columns", "constants", "questions", "sidecar", "where", "notes", "unused")
 FACT = re.compile(r"\$\{([^}]*)\}")
-LARGEST_WHOLE = 2.0**53
-"""Below it a whole number of float64 is exact, and is written without a point."""
 
 
 @dataclass(frozen=True)
@@ -266,4 +264,4 @@ def _spelt(value: float | str) -> str:
     """A word, or a number with all of its digits: runs whose numbers differ are of different groups."""
     if isinstance(value, str):
         return value
-    return str(int(value)) if abs(value) < LARGEST_WHOLE and value == int(value) else repr(value)
+    return str(int(value)) if abs(value) < LARGEST_EXACT and value == int(value) else repr(value)

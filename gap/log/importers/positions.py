@@ -31,6 +31,7 @@ from .lines import (
 )
 from .motion import Relation, encoder, span, whole_numbers
 from .names import Claim, is_a
+from .recording import LARGEST_EXACT
 from .units import measure, measures
 
 TICKS, PERCENT = "ticks", "percent"
@@ -40,8 +41,8 @@ STEPS_A_TURN, STEP_AT_ZERO = 4096, 2048
 registers in hw/bus/registers), mounted with 0 rad in the middle (assumed)."""
 MOST_STEPS = 32768.0
 """Steps that a register of 16 bits with a sign does not hold."""
-FEWEST_STEPS, MOST_COUNTS = 400.0, 2.0**53
-"""Whole numbers that reach over less may be degrees; beyond the second a float counts none."""
+FEWEST_STEPS = 400.0
+"""Whole numbers that reach over less may be degrees."""
 POSSIBLE = {"angle": ("rad", "deg", "mrad", "turn"), "way": ("m", "mm", "cm")}
 """Units that are tried for a position of which none is said, by its quantity."""
 PLAIN_RAD, MOST_RAD = 2.2 * math.pi, 60.0
@@ -131,7 +132,7 @@ def position_line(one: Position, unit: str, by: str) -> Line:
     if line := of_dialect(one.claim):
         return line
     name, shown, found = one.claim.column, reach(one.values), encoder(one.values)
-    whole = whole_numbers(one.values) and FEWEST_STEPS < span(one.values) < MOST_COUNTS
+    whole = whole_numbers(one.values) and FEWEST_STEPS < span(one.values) < LARGEST_EXACT
     if unit == "m" and by == "the name" and span(one.values) > MOST_WAY:
         ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
         return in_unit(name, unit, ASK, f"the name ends in m; {shown}", ask)

@@ -19,14 +19,10 @@ from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
 from .positions import Position, Positions, bare, by_velocity
-from .recording import Recording
+from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
 from .units import measures
 
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
-SPARSE_SHARE = 0.5
-"""Share of the samples without a goal from which it is taken to hold between its changes."""
-REPEATED_SHARE = 0.01
-"""Share of the rows up to which stamps that repeat are left out."""
 LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
 AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
@@ -151,7 +147,7 @@ class _Proposer:
         if self.timed:
             steps = np.diff(self.clock(self.first))
             repeated = int((steps == 0.0).sum())
-            if 0 < repeated <= REPEATED_SHARE * len(steps) + 1 and not (steps < 0.0).any():
+            if 0 < repeated <= STRAY_SHARE * len(steps) + 1 and not (steps < 0.0).any():
                 self.out.keep[""] = [f"later({clock.line.text})"]
         lists = lists_of(self.first)
         taken = {*clock.unused, *names_in(clock.line.text), *(name for names in lists.values() for name in names)}
@@ -226,7 +222,7 @@ class _Proposer:
         """The goal of a joint, with how late its position comes, and what speaks against its being one."""
         values = run.columns[claim.column]
         known = np.isfinite(values)
-        sparse = bool(known.any()) and 1.0 - known.mean() > SPARSE_SHARE
+        sparse = bool(known.any()) and 1.0 - known.mean() > MOST_OF_THEM
         steady = hold(values) if sparse else values
         goes = following(self.clock(run), steady, position.values)
         line = units.goal(claim, base, goes)

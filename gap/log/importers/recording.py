@@ -12,6 +12,12 @@ import numpy as np
 from ....common.documents import DocumentError, read_json, read_yaml
 from ..types import Array, LogError
 
+LARGEST_EXACT = 2**53
+"""Whole numbers beyond this one are not exact as float64."""
+STRAY_SHARE = 0.01
+"""Share of the samples that may be misread, or out of order, in what is sound as a whole."""
+MOST_OF_THEM = 0.5
+"""Share from which most of the samples, messages or seconds are of a kind, and what is said holds for all."""
 FEWEST_RECORDED = 10
 """Samples of a recording at least, where others are beside it."""
 

@@ -17,12 +17,11 @@ from ....envs.described.robot_file import RobotFile, is_robot_file, load_robot_f
 from ....envs.robots import ROBOTS, get_robot
 from ..types import Array, LogError
 from .positions import PERCENT
+from .recording import STRAY_SHARE
 
 POSITIONS = ("position", "goal", "link_position")
 HALF_TURN = math.pi
 """[rad] by which a hinge may lie beyond its range: an unknown zero turns a joint by no more."""
-OUTLIER_SHARE = 0.01
-"""Share of the samples at either end that may be misread."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class Robot:
             if signal not in POSITIONS or joint not in self.ranges or not len(finite) or name in said:
                 continue
             low, high, kind = self.ranges[joint]
-            least, most = (float(np.quantile(finite, share)) for share in (OUTLIER_SHARE, 1.0 - OUTLIER_SHARE))
+            least, most = (float(np.quantile(finite, share)) for share in (STRAY_SHARE, 1.0 - STRAY_SHARE))
             beyond, unit = (HALF_TURN, "rad") if kind == "hinge" else (high - low, "m")
             if least < low - beyond or most > high + beyond:
                 said[name] = (

@@ -30,6 +30,7 @@ from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
 from ..pictures.first_look import WIDE, as_logged, first_look, in_words
 from ..pictures.signatures import told
+from ..pictures.summary import MOST_CANDIDATES
 from ..pictures.timeline import fine
 from ..terminal import doubts
 from .figures import excitation, signals
@@ -77,7 +78,6 @@ CAPTIONS = {
 }
 PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
-MOST_CANDIDATES = 7
 TOGETHER = 2.0  # times the error of a joint alone, from which it is said that the whole robot misses it by more
 
 

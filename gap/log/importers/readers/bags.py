@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .....common.extras import needed_for
 from ...types import Array, LogError
 from ..clocks import offset_note
-from ..recording import Recording
+from ..recording import MOST_OF_THEM, Recording
 from .robots import Robots, is_led, robots_of
 from .topics import CONTROLLER, DYNAMIC, JOINT_STATE, TRAJECTORY, Topic, commands, joint_of, numbers, short
 from .trajectories import laid_out, trajectory_of
@@ -29,10 +29,6 @@ definition."""
 REFERENCE_FIELDS = {"positions": "goal", "velocities": "goal_velocity"}
 POINT_FIELDS = {"positions": "position", "velocities": "velocity", "effort": "effort"}
 """Fields of joint states by those of a point of a trajectory."""
-MOST_UNSTAMPED = 0.5
-"""Share of the messages of a topic without a stamp from which its stamps say nothing."""
-LEAST_COVERED = 0.5
-"""Share of the rows that a field of other messages must reach."""
 
 
 def is_bag(path: Path) -> bool:
@@ -132,7 +128,7 @@ def _on_one_clock(messages: Mapping[str, _Messages]) -> tuple[dict[str, Topic], 
     """
     missing = {name: np.isnan([stamp for _, stamp in own.times]) for name, own in messages.items()}
     bare = [name for name, none in missing.items()
-            if none.mean() > (0.0 if messages[name].paths else MOST_UNSTAMPED)]  # fmt: skip
+            if none.mean() > (0.0 if messages[name].paths else MOST_OF_THEM)]  # fmt: skip
     notes = ["times are the stamps of the messages"]
     notes += [f"{none.sum()} messages of {name} without a stamp are left out" for name, none in missing.items()
               if none.any()]  # fmt: skip
@@ -317,7 +313,7 @@ class _Table:
             else:
                 values = topic.in_force(field, self.time)[0] if led else topic.between(field, self.time)
                 share = float(np.isfinite(values).mean())
-                if share < LEAST_COVERED:
+                if share < MOST_OF_THEM:
                     self.left[column] = f"its messages have it along {100.0 * share:.0f} % of the samples"
                     continue
                 there &= np.isfinite(values)

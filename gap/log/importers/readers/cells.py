@@ -12,10 +12,9 @@ import numpy as np
 import pandas as pd
 
 from ...types import Array
+from ..recording import LARGEST_EXACT
 from ..units import unit_of
 
-LARGEST_EXACT = 2**53
-"""Whole numbers beyond this one are not exact as float64."""
 SECONDS_A_DAY = 86400.0  # [s]
 STRAY_SHARE = 0.02
 """Share of cells that may be no number in a column of numbers."""

@@ -14,13 +14,13 @@ from pyarrow import parquet
 from ...types import LogError
 from ..clocks import clock_units, overlap
 from ..names import is_a, said
-from ..recording import NoRecording, Recording, facts_beside
+from ..recording import FEWEST_RECORDED, NoRecording, Recording, facts_beside
 from .cells import Cells, numeric_columns
 from .text import read_text
 
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".parquet")
-MOST_JOINTS, FEWEST_ROWS = 64, 10
-"""Joints of a table at most, and rows of each at least."""
+MOST_JOINTS = 64
+"""Joints of a table at most."""
 SAME_SAMPLE_SHARE = 0.1
 """Share of the sample period within which joints were read at one time."""
 WHOLE_SHARE = 0.9
@@ -96,7 +96,7 @@ def _by_joints(frame: pd.DataFrame, cells: Cells, path: Path) -> dict[str, tuple
     for name, column in words.items():
         spelt: Any = column.map(_label)
         counts = spelt[spelt != ""].value_counts(sort=False)
-        if not 2 <= len(counts) <= MOST_JOINTS or counts.min() < FEWEST_ROWS:
+        if not 2 <= len(counts) <= MOST_JOINTS or counts.min() < FEWEST_RECORDED:
             continue
         labels, joints = spelt.to_numpy(str), [*counts.index]
         clocks = [clock for clock in cells.columns if clock != name and _runs(cells.columns[clock], labels, joints)]
