@@ -168,3 +168,43 @@ def check_values(kind: type[Task], values: Mapping[str, Any]) -> None:
             raise SealegsError(f"{name} is {value!r}; it must be finite.")
         if numbers[0] > numbers[-1]:
             raise SealegsError(f"{name} is {value!r}; a range goes from its low to its high end.")
+
+
+def steps_of_delay(action_delay: float, timestep: float) -> int:
+    """Physics steps in a delay [s].
+
+    Raises:
+        SealegsError: they are no whole number.
+    """
+    check_number("action_delay", action_delay)
+    count = action_delay / timestep
+    if action_delay < 0.0 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+        raise SealegsError(
+            f"action_delay is {action_delay:g} s; it must be a whole number of steps of {timestep:g} s, or 0."
+        )
+    return round(count)
+
+
+def steps_of_rate(control_rate: float, timestep: float) -> int:
+    """Physics steps of a control step at a rate [Hz].
+
+    Raises:
+        SealegsError: they are no whole number.
+    """
+    check_number("control_rate", control_rate)
+    count = 1.0 / (control_rate * timestep) if control_rate > 0.0 else 0.0
+    if round(count) < 1 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
+        raise SealegsError(
+            f"control_rate is {control_rate:g} Hz; its period must be a whole number of steps of {timestep:g} s."
+        )
+    return round(count)
+
+
+def check_number(name: str, value: Any) -> None:
+    """Make sure that a value is a finite number.
+
+    Raises:
+        SealegsError: it is not.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise SealegsError(f"{name} is {value!r}; it must be a finite number.")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ from mujoco.batch import Batch
 from ...actuators.engine import install
 from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
-from .arguments import check_values
+from .arguments import check_values, steps_of_delay, steps_of_rate
 from .at_once import BreaksAtOnce
 from .base import BaseLayout
 from .disturbances import Disturbances, stand_on_slope, tilt_floor
@@ -31,38 +31,11 @@ from .randomization import Randomization, Source
 from .robot import ChainSource
 from .servo_use import ServoUse
 from .sides import Sides
-from .task import ModulatedTask, Motion, Task, check_observation, check_step
+from .task import ModulatedTask, Motion, Step, Task, check_observation, check_step
 from .terrain import Terrain
 from .world import World, with_contacts
 
 ON_TIME = 1e-6  # of an interval, that times are rounded by
-
-
-@dataclass(slots=True)
-class Step:
-    """Outcome of one control step of n simulations; arrays are the caller's to keep.
-
-    Attributes:
-        observation: (n, size), float32; of the new episode where ``done``, if the engine resets by itself.
-        reward: (n,).
-        terminated: (n,), the episode failed.
-        truncated: (n,), it reached its time limit.
-        terms: of the reward by name, (n,) each.
-        flags: what an engineer wants to know, (n,) each: ``net_out_of_range``, ``unstable``.
-        servo: how hard the servos were driven, by :data:`~sealegs.envs.engine.servo_use.MEASURES`, (n,) each.
-        done: numbers of the simulations whose episode ended.
-        final_observation: (len(done), size), the last of those episodes.
-    """
-
-    observation: np.ndarray
-    reward: np.ndarray
-    terminated: np.ndarray
-    truncated: np.ndarray
-    terms: dict[str, np.ndarray]
-    flags: dict[str, np.ndarray]
-    servo: dict[str, np.ndarray]
-    done: np.ndarray
-    final_observation: np.ndarray
 
 
 class BatchEngine:
@@ -142,8 +115,8 @@ class BatchEngine:
         if self._terrain is not None or self.randomization.chains != self.chains:
             self.drivetrain = robot.drivetrain(self.randomization.chains, params)
         model = self.drivetrain.model
-        self.substeps = _substeps(control_rate, model.opt.timestep)
-        self._late = _late(action_delay, model.opt.timestep)
+        self.substeps = steps_of_rate(control_rate, model.opt.timestep)
+        self._late = steps_of_delay(action_delay, model.opt.timestep)
         self.dt = self.substeps * model.opt.timestep
         self.max_episode_steps, self.autoreset = max_episode_steps, autoreset
         self.batch = Batch(model, num_envs, 1 if num_envs == 1 else threads)
@@ -530,29 +503,3 @@ class _Queue:
             now = at
         engine.watch()
         engine.simulate(int(engine.substeps - now))
-
-
-def _late(action_delay: float, timestep: float) -> int:
-    """Physics steps in a delay [s]."""
-    _check_number("action_delay", action_delay)
-    count = action_delay / timestep
-    if action_delay < 0.0 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
-        raise SealegsError(
-            f"action_delay is {action_delay:g} s; it must be a whole number of steps of {timestep:g} s, or 0."
-        )
-    return round(count)
-
-
-def _substeps(control_rate: float, timestep: float) -> int:
-    _check_number("control_rate", control_rate)
-    count = 1.0 / (control_rate * timestep) if control_rate > 0.0 else 0.0
-    if round(count) < 1 or abs(count - round(count)) > 1e-6 * max(count, 1.0):
-        raise SealegsError(
-            f"control_rate is {control_rate:g} Hz; its period must be a whole number of steps of {timestep:g} s."
-        )
-    return round(count)
-
-
-def _check_number(name: str, value: Any) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-        raise SealegsError(f"{name} is {value!r}; it must be a finite number.")

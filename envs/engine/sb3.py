@@ -14,9 +14,9 @@ from gymnasium.envs.registration import load_env_creator
 from ...common.errors import SealegsError
 from ...common.extras import needed_for
 from .. import registered_id
-from .batch import BatchEngine, Step
+from .batch import BatchEngine
 from .single import action_space, observation_space
-from .task import Task
+from .task import Step, Task
 from .vector import BatchVectorEnv
 
 with needed_for("A vector environment for Stable-Baselines3"):

@@ -108,6 +108,33 @@ def drawn(span: float | Sequence[float], random: np.ndarray) -> np.ndarray:
     return low + random * (high - low)
 
 
+@dataclass(slots=True)
+class Step:
+    """Outcome of one control step of n simulations; arrays are the caller's to keep.
+
+    Attributes:
+        observation: (n, size), float32; of the new episode where ``done``, if the engine resets by itself.
+        reward: (n,).
+        terminated: (n,), the episode failed.
+        truncated: (n,), it reached its time limit.
+        terms: of the reward by name, (n,) each.
+        flags: what an engineer wants to know, (n,) each: ``net_out_of_range``, ``unstable``.
+        servo: how hard the servos were driven, by :data:`~sealegs.envs.engine.servo_use.MEASURES`, (n,) each.
+        done: numbers of the simulations whose episode ended.
+        final_observation: (len(done), size), the last of those episodes.
+    """
+
+    observation: np.ndarray
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    terms: dict[str, np.ndarray]
+    flags: dict[str, np.ndarray]
+    servo: dict[str, np.ndarray]
+    done: np.ndarray
+    final_observation: np.ndarray
+
+
 @dataclass(frozen=True)
 class Task(ABC):
     """A robot and what it is asked to do. Subclasses are frozen dataclasses of numbers, which are the options of their

@@ -11,9 +11,10 @@ import numpy as np
 from gymnasium.vector.utils import batch_space
 
 from .arguments import TaskShell, task_arguments
-from .batch import BatchEngine, Step
+from .batch import BatchEngine
 from .render import Scene, check_render_mode
 from .single import action_space, observation_space
+from .task import Step
 
 
 class _Told(type):

@@ -14,8 +14,7 @@ import numpy as np
 
 from ...envs.any_robot.task import AnyRobotTask
 from ...envs.engine.arguments import check_values
-from ...envs.engine.batch import Step
-from ...envs.engine.task import Motion
+from ...envs.engine.task import Motion, Step
 
 
 class Plant(Protocol):
