@@ -13,8 +13,8 @@ from ..log.types import MeasuredRun
 
 IRREGULAR_PERIOD_SPREAD = 0.15
 """Spread of the sample period, relative to its median, from which a clock is called irregular."""
-COARSE_STAMP_STEP = 0.04
-"""Step of quantised time stamps, relative to the period, from which it disturbs derivatives."""
+STAMP_ERROR_SHARE = 0.03
+"""Step or jitter of time stamps, relative to the period, from which they disturb derivatives."""
 
 
 def check_clock(run: MeasuredRun) -> Iterator[Finding]:
@@ -48,7 +48,7 @@ def check_clock(run: MeasuredRun) -> Iterator[Finding]:
             value=float(steps[worst]), data_error=True,
         )  # fmt: skip
     tick = time_stamp_step(run.time[: 1 << 16])
-    if tick > COARSE_STAMP_STEP * period and spread > 1e-3:
+    if tick > STAMP_ERROR_SHARE * period and spread > 1e-3:
         yield Finding(
             "clock.quantised", "warning", None, "time",
             f"Time stamps are rounded to {tick * 1e3:.3g} ms at a period of {period * 1e3:.3g} ms; log them finer.",

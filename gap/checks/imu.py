@@ -14,13 +14,14 @@ import numpy as np
 from ...envs.engine import turns
 from ...envs.engine.imu import COLUMNS
 from ..log.finding import Finding
+from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
 from .bootstrap import BLOCK_SECONDS, BOOTSTRAP_DRAWS
 from .columns import ANOTHER_UNIT_RATIO, LAG_TOLERANCE
 from .signal import MIN_EXPLAINED_SHARE
 
 IMU = "imu"
-HALF = 0.06  # [s] to both sides of a moment, over which a turn rate is told by the turns between samples
+HALF = 2.0 * SPEED_REACH  # [s] to both sides of a moment, over which a turn rate is told by the turns between samples
 REACH = 0.15  # [s] by which one signal is sought to be later than another
 SEARCH_STEP = 0.0025  # [s]
 TELLS = 0.6  # correlation from which two axes are said to be of one motion

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
+from ..log.units import FACTOR
 from .context import JointContext
 
 DEGREES_PER_RADIAN = 180.0 / np.pi
@@ -395,7 +396,7 @@ def _saturation(joint: JointContext) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-MILLIMETRES_PER_METRE = 1000.0
+MILLIMETRES_PER_METRE = 1.0 / FACTOR["mm"]
 OTHER_LENGTH_UNITS = {"cm": 100.0}
 """Other units that people measure slides in and a sidecar can say, and how many of them are a metre."""
 MIN_RANGE_SHARE = 0.3  # of the range, that a column in another unit must cover to be taken for one

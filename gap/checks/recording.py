@@ -14,6 +14,7 @@ from ...actuators.chain import load_chain
 from ...common.errors import SealegsError
 from ..log.finding import Finding
 from ..log.types import MIN_CHANGES, Array
+from .clock import STAMP_ERROR_SHARE
 from .context import JointContext
 from .signal import LAG_REACH, OTHER_ERROR_RATIO, derivatives, quantisation_step
 
@@ -29,7 +30,6 @@ DRIVE_LOOP_PERIOD = (
     2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
 )
 DELAY_TOLERANCE = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
-STAMP_JITTER_SHARE = 0.03  # of the period: jitter of the stamps from which it is worth a word
 REGULAR_CLOCK_NOISE_RATIO = 0.7  # of the noise at speed that a regular clock must leave
 
 
@@ -307,7 +307,7 @@ def check_stamps(joint: JointContext) -> Iterator[Finding]:
         return
     late = joint.time - grid
     jitter = float(np.std(late))
-    if jitter < STAMP_JITTER_SHARE * joint.period:
+    if jitter < STAMP_ERROR_SHARE * joint.period:
         return
     fast = np.abs(joint.velocity) > np.quantile(np.abs(joint.velocity), 0.8)
     if fast.sum() < 200:

@@ -14,7 +14,16 @@ from ..log.parts import FIT_A, FIT_B
 from ..replay.problem import JointProblem
 from ..search.bounded import bounded_step
 from ..search.result import Search
-from .proposal import NORMAL_RIDGE, VISIBLE_DIFFERENCE, Hypothesis, Prediction, everything, predict, thinned
+from .proposal import (
+    MIN_SEPARATION,
+    NORMAL_RIDGE,
+    VISIBLE_DIFFERENCE,
+    Hypothesis,
+    Prediction,
+    everything,
+    predict,
+    thinned,
+)
 
 TRIED_SIZES = tuple(
     2.0**k for k in range(-4, 6)
@@ -23,7 +32,6 @@ REPLAYS_AT_ONCE = 16  # replays
 MAX_CHANGE = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
 MAX_TUNING_STEPS = 12  # evaluations of the tuned numbers, at most, on their way towards the log that was measured
 MIN_STEP_GAIN = 0.02  # of what is left, that such a step must take for the next one to be worth it
-UNHIDDEN_RATIO = 3.0  # times what shows, as a step foresees it: from there tuned numbers do not hide a cause
 
 
 @dataclass(frozen=True)
@@ -189,6 +197,4 @@ class _Trip:
         gram += np.diag(NORMAL_RIDGE * gram.diagonal() + NORMAL_RIDGE)
         self._move = bounded_step(gram, self.change.T @ self._error, low - self.moved, high - self.moved)
         self.moved = self.moved + self._move
-        return (
-            float(np.sqrt(np.mean((self._error + self.change @ self._move) ** 2))) < UNHIDDEN_RATIO * VISIBLE_DIFFERENCE
-        )
+        return float(np.sqrt(np.mean((self._error + self.change @ self._move) ** 2))) < MIN_SEPARATION

@@ -10,9 +10,10 @@ import numpy as np
 
 from ...common.errors import SealegsError
 from ..checks.stops import Stop
+from ..log.parts import PIECE_LENGTH
 from ..replay.joint_model import JointModel
 
-EXCITATION_SECONDS = 12.0  # [s]
+EXCITATION_SECONDS = 2.0 * PIECE_LENGTH  # [s]
 GOAL_RATE = 100.0  # [Hz] goals of an excitation
 USUAL_REACH = 1.2  # [rad] either side of hanging, unless the log went further or limits are given
 GRAVITY_STALL_SHARE = 0.6  # share of the stall torque that gravity may take at the ends of an excitation

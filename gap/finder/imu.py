@@ -14,6 +14,7 @@ from ...envs.engine.robot import Robot
 from ..checks.bootstrap import BLOCK_SECONDS
 from ..checks.imu import (
     IMU,
+    REACH,
     ImuLog,
     Match,
     check_imu,
@@ -35,7 +36,6 @@ from ..verdict.verdict import EXPLAINED as SAID
 from ..verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis, Reason, Verdict, data_errors
 
 EARLIEST = -0.03  # [s] of its lag behind the legs: joints are read late, too
-REACH = 0.12  # [s] by which an IMU is sought to be late beyond what is believed
 CARRIED = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
 SPREADS = 4.0  # standard deviations about an axis of the believed bias, from which a turn about any is worth a word
 LATER = 0.012  # [s] beyond the believed delay that is worth a word; feet and floor that are softer make as much

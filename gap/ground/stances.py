@@ -16,7 +16,7 @@ from .leg_model import LegModel
 COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")
 """What is judged, the height of the hip first."""
 UNITS = ("m", "m", "rad", "rad")
-BEFORE = 0.06  # [s] from the start of a piece to its touchdown
+BEFORE = 2.0 * SPEED_REACH  # [s] from the start of a piece to its touchdown: its state is read in flight
 LENGTH = 0.3  # [s]
 LINK_FIT = 0.013  # [s] to both sides of the start, from which the state of a joint is fitted: it moves fast
 FLIGHT = 0.08  # [s] shortest flight after which a stance counts
@@ -24,7 +24,7 @@ FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from 
 NOISE_HALF = 3  # samples to either side: a leg moves fast
 MARGIN = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
 UNKNOWN_SPEED = 0.5  # [m/s] standard deviation of a speed that no column tells
-FIRST = 0.015  # [s] of a piece that is not judged: the start state was fitted to it
+FIRST = LINK_FIT  # [s] of a piece that is not judged: the start state was fitted to it
 MODEL = (1.5e-4, 2e-4, 1e-3, 1e-3)
 """What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
 replays of an independent leg on rigid ground. Errors this small say nothing about the ground."""

@@ -37,7 +37,7 @@ PUSH_BEYOND_SHARE = 0.25  # of the width of what friction holds, by which a push
 MIN_PUSH = 0.005  # [rad] and at least so much: resolution, and what a soft drive leaves
 MIN_CONTACT_SECONDS = 0.2  # [s] of one contact
 MIN_RESTING_SECONDS = len(PARTS) * MIN_CONTACT_SECONDS  # [s] of all
-CONTACT_MARGIN = 0.1  # [s] around a contact that is left out with it
+CONTACT_MARGIN = 0.5 * MIN_CONTACT_SECONDS  # [s] around a contact that is left out with it
 MIN_PUSHED_JOINTS = 2  # joints at least
 HINGE_KIND = int(mujoco.mjtJoint.mjJNT_HINGE)
 

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .parts import LEAST_START, WARM_UP, Unit, within
+from .parts import LEAST_START, SPEED_REACH, WARM_UP, Unit, within
 from .types import Array, MeasuredRun
 
 GAP_PERIODS = 3.5  # between two samples, from which some lack
-READ_BEFORE = 0.04  # [s] over which speeds and accelerations are read off positions: they reach across a gap
 
 
 def gaps(time: Array) -> np.ndarray:
@@ -45,7 +44,7 @@ def known_commands(time: Array, command: Array, forgotten: float = WARM_UP) -> n
     ends = lost(time, command)
     for k, end in zip(ends, [*time[ends[1:]], time[-1]], strict=False):
         first = time[k + 1]
-        known[(time >= time[k] - READ_BEFORE) & (time < first + min(forgotten, 0.5 * (end - first)))] = False
+        known[(time >= time[k] - SPEED_REACH) & (time < first + min(forgotten, 0.5 * (end - first)))] = False
     return known
 
 
@@ -68,7 +67,7 @@ def between_gaps(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit])
         if not len(ends):
             found.append(unit)
             continue
-        begins = np.searchsorted(time, time[ends + 1] + READ_BEFORE)
+        begins = np.searchsorted(time, time[ends + 1] + SPEED_REACH)
         for start, stop in zip([unit.start, *begins], [*(ends + 1), unit.stop], strict=True):
             found += within(unit, int(start), int(stop), time, log.position, LEAST_START)
     return found

@@ -19,6 +19,7 @@ from ...envs.described.robot_described import FileJoint, RobotFile
 from ...envs.engine.model_poses import keyframes, stand, standing
 from ...envs.extended import Extended
 from ..load.robot import robot_of
+from ..load.tree import NOTHING
 from ..log.types import MeasuredSet
 from .mjcf import native_text, not_native
 
@@ -219,9 +220,6 @@ def _from(path: str, folder: Path) -> str:
 # --- controls of the file, as goals or torques of a joint ------------------------------------------------------------
 
 
-SAME = 1e-9  # of a control: what differs by less is the same
-
-
 class FileControls:
     """The controls of the actuators of a model file.
 
@@ -268,7 +266,7 @@ class FileControls:
         for control in (0.0, 1.0):
             controls = np.full(self.count, control)
             asked = self.torque(drive, controls) if torque else self.goal(drive, controls)
-            if asked is None or not math.isclose(asked, control, abs_tol=SAME):
+            if asked is None or not math.isclose(asked, control, abs_tol=NOTHING):
                 return False
         return True
 

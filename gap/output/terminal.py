@@ -12,12 +12,11 @@ from ..search.structure import fine
 from ..verdict.verdict import BESIDE, JointDiagnosis, Reason
 from ..verdict.words import size
 from .document import sentences_of
+from .layout import LAYOUT
 from .limits import LEAD, LIMITS, by_family, limits_told
 from .next_step import next_step
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
 
-LEAST_WIDTH = 40  # columns below which lines are allowed to run over
-MOST_WIDTH = 100  # longer lines are hard to read
 MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of its own from there
 
 
@@ -32,7 +31,7 @@ def screen(
         width: of the terminal, in characters.
         logs: folder of the logs, where those of the next experiment belong.
     """
-    width = min(max(width, LEAST_WIDTH), MOST_WIDTH)
+    width = min(max(width, LAYOUT.narrowest), LAYOUT.widest)
     lines: list[str] = []
     told: set[str] = set()
     for diagnosis in diagnoses:

@@ -6,9 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...common.errors import nearest
-from ...envs.described.robot_file import is_robot_file
-from ...envs.robots import ROBOTS
 from ..checks.columns import ANOTHER_UNIT_RATIO
 from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.motion import MAX_STOPPED_ANGLE
@@ -18,13 +15,11 @@ from ..load.robot import Machine
 from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
+from ..log.sidecar import robot_meant
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot, commanded
 from .whole_goals import TAKEN, with_whole_goals
 
-ROBOT_NAME_LIKENESS = (
-    0.7  # likeness to a robot's name from which a log means it: any other is a machine whose load nobody knows
-)
 TURN_IN_UNITS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
 """A whole turn in each unit of an angle."""
 ENCODER_BITS = (8, 24)  # of an encoder: its steps are a turn by a power of two
@@ -36,7 +31,7 @@ OTHER_UNITS = ("unit.degrees", "unit.ticks", "unit.millimetres", "unit.length")
 def check_log(data: MeasuredSet, progress: Progress) -> tuple[MeasuredSet, list[Finding], Finding | None]:
     """The data with their faults mended, what was found about them, and the finding that makes them unusable."""
     robot = data.runs[0].robot
-    if robot not in ROBOTS and not is_robot_file(robot) and (hint := nearest(robot, ROBOTS, ROBOT_NAME_LIKENESS)):
+    if hint := robot_meant(robot):
         raise LogError(f"{data.runs[0].name}: there is no robot '{robot}'{hint}; correct it in the sidecar.")
     logged = Machine.of(data.runs).robot
     of_joints: list[Finding] = []

@@ -39,7 +39,6 @@ MISREAD_CODE = "robot.encoder"
 EITHER_CODE = "robot.encoder_or_tilt"
 """Code of the finding that says that a tilted base does the same as the encoder of a joint."""
 INDISTINCT_LOSS_SHARE = 0.05  # of the loss by which two explanations must differ to be told apart: assumed
-REJUDGED_LOSS_SHARE = 0.02  # of its loss, from which a joint is judged again: assumed
 
 
 @dataclass(frozen=True)
@@ -227,7 +226,7 @@ def _judged(
         own = slice(T_OWN, T_OWN + T_SIZE)
         more = [a[:, own] - b[:, own] for a, b in zip(others.terms[name], weighed.terms[name], strict=True)]
         rows[name] = [x + y for x, y in zip(rows[name], more, strict=True)] if name in rows else more
-        if abs(loss - weighed.plain[name]) > REJUDGED_LOSS_SHARE * weighed.plain[name] or named[name] & {
+        if abs(loss - weighed.plain[name]) > DEFAULT.shared_error * weighed.plain[name] or named[name] & {
             *ENCODERS,
             *LOAD_CAUSES,
         }:

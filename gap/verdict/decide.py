@@ -28,10 +28,23 @@ from ..replay.problem import OF_A_ROBOT
 from ..search.structure import listed
 from .evidence import Evidence, Refused, Replayed
 from .verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, WORST_FIRST, Reason, Verdict
-from .words import also, certainty, change, fall, firmly, is_guess, levels, open_reason, size, some, subject, verb
+from .words import (
+    TOLD_SHARE,
+    also,
+    certainty,
+    change,
+    fall,
+    firmly,
+    is_guess,
+    levels,
+    open_reason,
+    size,
+    some,
+    subject,
+    verb,
+)
 
 TOLD_CHANGE = 5e-3  # change of a number below which no one is told of it
-TOLD_UNEXPLAINED_SHARE = 0.2  # of the gap, from which it is told beside rivals how much stays unexplained
 MAX_SENTENCE_WORDS = 25  # of the sentence that a verdict is told in
 
 
@@ -305,7 +318,7 @@ def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
     place = f" in place of {doubtful.name}" if len(found.causes) > 1 else ""
     fits = "fits" if len(doubtful.rivals) == 1 else "fit"
     alike, unexplained = f"{fits} about as well", ""
-    if found.structure.noticed and found.measured.left >= TOLD_UNEXPLAINED_SHARE:
+    if found.structure.noticed and found.measured.left >= TOLD_SHARE:
         alike, unexplained = f"{fits} alike", f"; {100.0 * found.measured.left:.0f} % unexplained"
     sentence = (
         f"The gap of '{found.joint}' may be {subject(found.causes)}, but {some(doubtful.rivals)} "

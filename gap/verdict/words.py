@@ -12,9 +12,8 @@ from ..search.structure import fine, listed, told_in
 from .evidence import Replayed
 from .verdict import Reason
 
-MENTIONED_ASIDE_SHARE = (
-    0.2  # of what causes explain together, up to which those that are only possible are mentioned aside
-)
+TOLD_SHARE = 0.2
+"""Share of the gap, or of what causes explain of it, from which what is only possible or unexplained is told."""
 
 
 def levels(found: Replayed) -> tuple[str, str, str]:
@@ -57,7 +56,7 @@ def firmly(causes: Sequence[NamedCause]) -> tuple[Sequence[NamedCause], str]:
     """
     firm = [cause for cause in causes if cause.standing in (CERTAIN, LIKELY)]
     doubted = [cause for cause in causes if cause not in firm]
-    if not (firm and doubted) or sum(c.share for c in doubted) > MENTIONED_ASIDE_SHARE * sum(c.share for c in causes):
+    if not (firm and doubted) or sum(c.share for c in doubted) > TOLD_SHARE * sum(c.share for c in causes):
         return causes, ""
     return firm, f"; perhaps {subject(doubted)}"
 

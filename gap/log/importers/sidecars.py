@@ -16,8 +16,7 @@ from ....common.documents import parse_yaml
 from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
 from ....envs.described.robot_file import is_robot_file
-from ....envs.robots import ROBOTS
-from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
+from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, robot_meant, sidecar_text
 from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR
@@ -32,8 +31,6 @@ from .recording import Recording
 from .robot import asked_robot, has_model
 
 BENCH = "bench"
-MISSPELT_LIKENESS = 0.8
-"""Likeness from which a word for a robot is a known one, misspelt."""
 ROD_MASS = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
 UNMEASURED = {
     "unknown": ["zero", "friction", "armature"],
@@ -246,8 +243,7 @@ def check_machine(whole: Sequence[MeasuredRun], runs: Sequence[MeasuredRun]) -> 
     """
     for run in whole:
         own = bool(run.robot) and not has_model(run.robot)
-        meant = nearest(run.robot, ROBOTS, MISSPELT_LIKENESS) if own and run.robot.isalpha() else ""
-        if meant:
+        if meant := robot_meant(run.robot):
             raise LogError(f"{run.name}: there is no robot '{run.robot}'{meant}; correct the key robot.")
         if own and run.robot_params:
             raise LogError(

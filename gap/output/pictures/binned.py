@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-LEAST = 12  # samples in a bin
+from ..layout import LAYOUT
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,25 +34,25 @@ def equal_widths(x: np.ndarray, count: int = 20) -> np.ndarray:
 
 
 def filled(x: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Edges without those of bins with fewer than :data:`LEAST` samples: each such bin joins the next (c,)."""
+    """Edges without those of bins with too few samples: each such bin joins the next (c,)."""
     counts = np.histogram(x, edges)[0] if len(edges) > 1 else np.zeros(0)
     kept, inside = [0], 0
     for b, count in enumerate(counts, start=1):
         inside += int(count)
-        if inside >= LEAST:
+        if inside >= LAYOUT.bin_samples:
             kept.append(b)
             inside = 0
     return edges[kept] if len(edges) else edges
 
 
 def bins(x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> Bins:
-    """Bin samples; bins with fewer than :data:`LEAST` are left out."""
+    """Bin samples; bins with too few are left out."""
     number = np.digitize(x, edges[1:-1]) if len(edges) > 1 else np.zeros(len(x), int)
     inside = (x >= edges[0]) & (x <= edges[-1]) if len(edges) > 1 else np.zeros(len(x), bool)
     rows = []
     for b in range(max(len(edges) - 1, 0)):
         use = inside & (number == b)
-        if use.sum() >= LEAST:
+        if use.sum() >= LAYOUT.bin_samples:
             rows.append((np.median(x[use]), *np.quantile(y[use], (0.5, 0.25, 0.75))))
     table = np.array(rows).reshape(-1, 4)
     return Bins(*table.T)

@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...measure.named import NamedCause
+from ..layout import LAYOUT
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, filled, limits
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from .timeline import fine, timeline, worst_window
 
-RESPONSE = 0.4  # [s] shown of a response
 UNITS = {"speed": "rad/s", "control error": "rad", "motor torque": "N.m", "acceleration": "rad/s2", "position": "rad"}
 
 
@@ -22,7 +22,7 @@ def response(evidence: Evidence, cause: NamedCause) -> Figure:
     assert line is not None
     chart = figure(5.8, 5.8)
     over_time, against = chart.subplots(2, 1, height_ratios=(1.0, 1.0))
-    start, stop = worst_window(line, RESPONSE)
+    start, stop = worst_window(line, LAYOUT.response)
     use = (line.x >= start - 0.02) & (line.x <= stop + 0.02)
     x = line.x[use] - start
     if line.goal is not None:

@@ -11,17 +11,13 @@ from matplotlib.ticker import MaxNLocator
 
 from ...log.types import MeasuredRun
 from ...verdict.verdict import JointDiagnosis
+from ..layout import LAYOUT
 from ..numbers import percent
 from .style import CAUSES, COLOURS, NAMES, NOISE, SHARED, TUNED, UNEXPLAINED, figure, legend_above, styled
 from .timeline import Timeline, fine, timeline, worst_window
 
-STRETCH = 1.2  # [s] shown, where the log is not slow
-LEAST_SAMPLES = 80  # of a stretch
-MOST_CAUSES = 5  # with a row of their own
-WIDE, TALL, ALONE = (11.0, 3.5), (5.2, 6.6), (6.0, 2.6)  # [inch]
 GOAL = "#9a9a9a"
 UNEXPLAINED_LABEL, NOISE_LABEL = "unexplained", "noise"
-THICK = 0.66  # of a bar, in rows
 
 
 @dataclass(frozen=True)
@@ -68,10 +64,10 @@ def first_look(diagnosis: JointDiagnosis, tall: bool = False) -> Figure | None:
     if not slices:
         return None
     if line is None or not len(line.x):
-        chart = figure(*ALONE)
+        chart = figure(*LAYOUT.alone)
         waterfall(chart.subplots(), diagnosis, slices)
         return chart
-    chart = figure(*(TALL if tall else WIDE))
+    chart = figure(*(LAYOUT.tall if tall else LAYOUT.wide))
     if tall:
         above, beside = chart.subfigures(2, 1, squeeze=False, height_ratios=(1.35, 1.0)).flat
     else:
@@ -108,7 +104,7 @@ def over_time(signals: Axes, errors: Axes, line: Timeline, diagnosis: JointDiagn
 def stretch(line: Timeline) -> tuple[float, float]:
     """Where the nominal model is most wrong in the test part, wide enough to show a motion."""
     period = float(np.nanmedian(np.diff(line.x)))
-    return worst_window(line, min(max(STRETCH, LEAST_SAMPLES * period), float(line.x[-1] - line.x[0])))
+    return worst_window(line, min(max(LAYOUT.moment, LAYOUT.moment_samples * period), float(line.x[-1] - line.x[0])))
 
 
 def waterfall(axes: Axes, diagnosis: JointDiagnosis, slices: list[Slice]) -> None:
@@ -166,20 +162,20 @@ def _told(error: float, unit: str) -> str:
 
 
 def _step(axes: Axes, row: int, level: float) -> None:
-    axes.plot([level, level], [row - 1 - 0.5 * THICK, row + 0.5 * THICK], color="#555555", lw=0.7)
+    axes.plot([level, level], [row - 1 - 0.5 * LAYOUT.bar, row + 0.5 * LAYOUT.bar], color="#555555", lw=0.7)
 
 
 def _gathered(taken: list[Slice]) -> list[Slice]:
     """The largest with a row of their own, the rest in one."""
-    if len(taken) <= MOST_CAUSES + 1:
+    if len(taken) <= LAYOUT.causes + 1:
         return taken
-    rest = taken[MOST_CAUSES:]
-    return [*taken[:MOST_CAUSES], Slice(f"{len(rest)} more", sum(piece.share for piece in rest), SHARED)]
+    rest = taken[LAYOUT.causes :]
+    return [*taken[: LAYOUT.causes], Slice(f"{len(rest)} more", sum(piece.share for piece in rest), SHARED)]
 
 
 def _bar(axes: Axes, row: int, left: float, piece: Slice) -> None:
     axes.barh(
-        row, piece.share, left=left, color=piece.colour, hatch=piece.hatch, edgecolor="white", lw=0.8, height=THICK
+        row, piece.share, left=left, color=piece.colour, hatch=piece.hatch, edgecolor="white", lw=0.8, height=LAYOUT.bar
     )
 
 

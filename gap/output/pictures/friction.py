@@ -6,13 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...load.tree import NOTHING
 from ...measure.named import NamedCause
 from ...replay.parameters import address
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
 from .evidence import Balance, Evidence
 from .style import EXTENDED, NOMINAL, figure, legend_above, styled
 
-WEIGHTLESS = 1e-9  # [N.m] or [N]
 SOURCES = {
     "current": "motor torque from the logged current",
     "duty": "motor torque from the logged duty",
@@ -91,7 +91,7 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
         axes.set_ylabel(f"dry friction {evidence.effort}")
     else:
         weight = evidence.quarter_turn_torque
-        carries = bool((weight > WEIGHTLESS).all())
+        carries = bool((weight > NOTHING).all())
         unit = weight if carries else np.ones_like(weight)
         seen = (measured.motor - measured.inertial - measured.modelled_friction) / unit
         models = (nominal.gravity / unit, measured.gravity / unit)

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ...verdict.verdict import JointDiagnosis
+from ..layout import LAYOUT
 from .style import (
     CAUSES,
     COLOURS,
@@ -21,7 +22,6 @@ from .style import (
 from .timeline import Timeline, fine, timeline
 
 BESIDE = "#c4c4c4"  # what is shown for comparison
-MOST_ROUNDS, MOST_CANDIDATES = 3, 7
 
 
 @styled
@@ -84,11 +84,11 @@ def _shade(axes: Axes, line: Timeline) -> None:
 def rivals(diagnosis: JointDiagnosis) -> Figure | None:
     """Held-out error of the candidates of each round of the search; None where nothing was searched."""
     search = diagnosis.search
-    rounds = [r for r in search.rounds if r.candidates][:MOST_ROUNDS] if search is not None else []
+    rounds = [r for r in search.rounds if r.candidates][: LAYOUT.rounds] if search is not None else []
     if search is None or not rounds:
         return None
     total = float(search.counts.sum())
-    shown = [r.candidates[:MOST_CANDIDATES] for r in rounds]
+    shown = [r.candidates[: LAYOUT.candidates] for r in rounds]
     chart = figure(7.6, 1.0 + 0.34 * sum(len(s) + 2.2 for s in shown))
     panels = chart.subplots(len(rounds), 1, height_ratios=[len(s) + 1.2 for s in shown], squeeze=False)[:, 0]
     for number, (axes, step, candidates) in enumerate(zip(panels, rounds, shown, strict=True), start=1):

@@ -8,9 +8,9 @@ import numpy as np
 
 from ...log.parts import TEST
 from ...verdict.verdict import JointDiagnosis
+from ..layout import LAYOUT
 
 MODELS = ("nominal", "refitted", "extended")
-PAUSE = 0.5  # [s] drawn between runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
         if not len(at):
             continue
         if unit.run != last:
-            offset = end + (PAUSE if last >= 0 else 0.0) - problem.time[at[0]]
+            offset = end + (LAYOUT.pause if last >= 0 else 0.0) - problem.time[at[0]]
             runs.append(offset + problem.time[at[0]])
             last = unit.run
         time = offset + problem.time[at]

@@ -8,12 +8,10 @@ from plotly.subplots import make_subplots
 
 from ...experiment import Experiment
 from ...verdict.verdict import JointDiagnosis
+from ..layout import LAYOUT
 from ..pictures.style import COLOURS, EXTENDED, NAMES, TEST_SHADE
 from ..pictures.timeline import fine, timeline, worst_window
 
-MOST_SAMPLES = 16_000  # over all joints; keeps the page small enough to send
-LEAST_SAMPLES = 2_000
-MOMENT = 1.5  # [s] of the shown moment
 CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 DASH = {"nominal": "solid", "refitted": "dot", "extended": "solid"}
 GREY = "#e4e4e4"
@@ -28,7 +26,7 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
     line = timeline(diagnosis)
     if line is None or not len(line.x):
         return None
-    thin = line.thinned(max(MOST_SAMPLES // joints, LEAST_SAMPLES))
+    thin = line.thinned(max(LAYOUT.page_samples // joints, LAYOUT.plot_samples))
     factor, unit = fine(line.unit)
     chart = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.56, 0.44], vertical_spacing=0.06)
     x = _small(thin.x)
@@ -56,7 +54,7 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
     chart.update_xaxes(title_text="time, runs one behind the other [s]", row=2, col=1)
     _dress(chart, 560)
     chart.update_layout(hovermode="x unified", dragmode="zoom")
-    return _html(chart), worst_window(line, min(MOMENT, float(line.x[-1] - line.x[0])))
+    return _html(chart), worst_window(line, min(LAYOUT.moment, float(line.x[-1] - line.x[0])))
 
 
 def excitation(proposal: Experiment) -> str:

@@ -24,13 +24,13 @@ from ...search.result import Search
 from ...verdict.verdict import JointDiagnosis
 from ..extension import changes as changes_of
 from ..extension import not_native, readable
+from ..layout import LAYOUT
 from ..limits import LIMITS, limits_told
 from ..limits import rows as limit_rows
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
-from ..pictures.first_look import WIDE, as_logged, first_look, in_words
+from ..pictures.first_look import as_logged, first_look, in_words
 from ..pictures.signatures import told
-from ..pictures.summary import MOST_CANDIDATES
 from ..pictures.timeline import fine
 from ..terminal import doubts
 from .figures import excitation, signals
@@ -194,7 +194,7 @@ def _first_look(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun]) -> dict[
         words = caption = "The log as it is; no model was compared with it."
     if wide is None or tall is None:
         return None
-    share = f"{100.0 * wide.get_figwidth() / WIDE[0]:.0f}"  # so that words in all of them are as large
+    share = f"{100.0 * wide.get_figwidth() / LAYOUT.wide[0]:.0f}"  # so that words in all of them are as large
     pictures = {"wide": _image(png(wide)), "tall": _image(png(tall))}
     return {**pictures, "words": words, "caption": caption, "share": share}
 
@@ -275,7 +275,7 @@ def _rounds(search: Search) -> list[dict[str, Any]]:
     for step in search.rounds:
         if not step.candidates:
             continue
-        shown = step.candidates[:MOST_CANDIDATES]
+        shown = step.candidates[: LAYOUT.candidates]
         levels = [float(np.sqrt(c.blocks.sum() / total)) for c in shown]
         before = float(np.sqrt(step.before.sum() / total))
         top = max(before, *levels)

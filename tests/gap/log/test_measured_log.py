@@ -334,3 +334,9 @@ def test_a_single_run_beside_the_test_group_is_fitted_in_both_parts(seconds: flo
     judged = [set(range(unit.start + unit.judged, unit.stop)) for unit in fitted]
     assert max(unit.stop for unit in fitted) == len(kept.time)
     assert sum(map(len, judged)) <= len(set().union(*judged)) + len(fitted), "no sample is judged in both parts"
+
+
+@pytest.mark.parametrize(("word", "meant"), [("hexapdo", "hexapod"), ("arm2", ""), ("so101", ""), ("arm", "")])
+def test_a_robots_word_is_misspelt_or_ones_own(word: str, meant: str) -> None:
+    """A diagnosis refused words of one's own that an import takes: arm2 is no arm."""
+    assert robot_meant(word) == (f" (did you mean '{meant}'?)" if meant else "")

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from .....common.documents import RECORDING, DocumentError, parse_json, read_text
+from ...reader import MINIMUM_SAMPLES
 from ...types import LogError
 from ..names import said
 from ..recording import FEWEST_RECORDED, NoRecording, Recording, plain_facts
@@ -20,7 +21,6 @@ from .tables import ENDINGS, recording_of
 from .trees import is_structures, recordings_of
 
 LINES = (".jsonl", ".ndjson")
-FEWEST_ROWS = 2
 EMPTY_CELLS, FREE_CELLS = 10, 1_000_000
 """Times as many cells as have a value that a table of rows may have, beside those that are free."""
 OF_BAM = frozenset(["mass", "arm_mass", "length", "kp", "vin", "motor", "trajectory"])
@@ -92,7 +92,7 @@ def _lines(path: Path, text: str) -> list[Any]:
         try:
             rows.append(parse_json(line))
         except DocumentError as error:
-            if line is lines[-1][1] and len(rows) >= FEWEST_ROWS:  # cut off
+            if line is lines[-1][1] and len(rows) >= MINIMUM_SAMPLES:  # cut off
                 break
             raise LogError(f"{path}: line {k} is not JSON: it {error.problem}; correct or remove it.") from None
     return rows
@@ -131,7 +131,7 @@ def _frame(content: Any) -> tuple[pd.DataFrame | None, list[str]]:
         kept = {name: cells for name, cells in columns.items() if len(cells) == length}
         content = [dict(zip(kept, row, strict=True)) for row in zip(*kept.values(), strict=True)]
         return _frame(content)[0], sorted(columns.keys() - kept.keys())
-    if not is_structures(content) or len(content) < FEWEST_ROWS:
+    if not is_structures(content) or len(content) < MINIMUM_SAMPLES:
         return None, []
     flat = [_flat(row) for row in content]
     names = dict.fromkeys(name for row in flat for name in row)
