@@ -21,10 +21,11 @@ from .columns import ANOTHER_UNIT_RATIO, LAG_TOLERANCE
 from .signal import MIN_EXPLAINED_SHARE
 
 IMU = "imu"
-HALF = 2.0 * SPEED_REACH  # [s] to both sides of a moment, over which a turn rate is told by the turns between samples
-REACH = 0.15  # [s] by which one signal is sought to be later than another
+RATE_HALF_WINDOW = 2.0 * SPEED_REACH
+"""[s] to both sides of a moment, over which a turn rate is told by the turns between samples."""
+IMU_LAG_REACH = 0.15  # [s] by which one signal is sought to be later than another
 SEARCH_STEP = 0.0025  # [s]
-TELLS = 0.6  # correlation from which two axes are said to be of one motion
+MIN_AXIS_CORRELATION = 0.6  # correlation from which two axes are said to be of one motion
 LEAST_LAG = 2.0 * LAG_TOLERANCE  # [s] that is worth a word, if it is more than chance: each of the two may be late
 AXES = "xyz"
 
@@ -95,11 +96,13 @@ class Match:
         found = []
         for k, other in enumerate(best):
             along = self.correlation[k, other]
-            found.append((other, int(np.sign(along))) if abs(along) >= TELLS else (k, 0))
+            found.append((other, int(np.sign(along))) if abs(along) >= MIN_AXIS_CORRELATION else (k, 0))
         return tuple(found) if any(sign for _, sign in found) else None
 
 
-def match(pairs: Sequence[tuple[Array, Array, Array]], least: float = -REACH, most: float = REACH) -> Match | None:
+def match(
+    pairs: Sequence[tuple[Array, Array, Array]], least: float = -IMU_LAG_REACH, most: float = IMU_LAG_REACH
+) -> Match | None:
     """How well a turn rate follows from another, and by how much it is later.
 
     Args:
@@ -183,7 +186,7 @@ def smoothed(log: ImuLog) -> Array:
 
 def _slopes(time: Array, turned: Callable[[np.ndarray, np.ndarray], Array]) -> Array:
     """Slopes of lines through what is ``turned`` from each sample to those around it (n, 3)."""
-    half = max(round(HALF / float(np.median(np.diff(time)))), 2)
+    half = max(round(RATE_HALF_WINDOW / float(np.median(np.diff(time)))), 2)
     at = np.arange(len(time))
     others = [np.clip(at + away, 0, len(at) - 1) for away in range(-half, half + 1)]
     moment = np.stack([time[other] - time for other in others])

@@ -32,9 +32,8 @@ DECIDED_ONCE = (
 )
 """Findings of single runs that hold for all of a machine, or for none of it."""
 ANGLE_SIGNALS = ("position", "goal", "link_position")
-TWO_UNITS_NOISE_RATIO = (
-    15.0  # ratio of the noises of two runs from which their column has two units; degrees and radians make 57
-)
+TWO_UNITS_NOISE_RATIO = 15.0
+"""Ratio of the noises of two runs from which their column has two units; degrees and radians make 57."""
 ONE_UNIT_NOISE_RATIO = 4.0  # and up to which it has one
 OTHER_RUNS_REACH = 2.0  # times as far as the other runs go, in radians: more is no motion of the same joint
 

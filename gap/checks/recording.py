@@ -26,9 +26,8 @@ REGULAR_STRETCH_SHARE = 0.95  # share of the stretches that must be whole multip
 MAX_DUTY_ROWS = 12_000  # of a run that the duty is followed over: more tell no more
 READING_REACH = 0.02  # [s] by which a position may be late, or columns early
 DUTY_VARIANCE_SHARE = 0.9  # share of the duty's variance that goal and position must explain
-DRIVE_LOOP_PERIOD = (
-    2.5e-4  # [s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed
-)
+DRIVE_LOOP_PERIOD = 2.5e-4
+"""[s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed."""
 DELAY_TOLERANCE = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
 REGULAR_CLOCK_NOISE_RATIO = 0.7  # of the noise at speed that a regular clock must leave
 

@@ -18,9 +18,8 @@ GOAL_RATE = 100.0  # [Hz] goals of an excitation
 USUAL_REACH = 1.2  # [rad] either side of hanging, unless the log went further or limits are given
 GRAVITY_STALL_SHARE = 0.6  # share of the stall torque that gravity may take at the ends of an excitation
 SMOOTH_SPEED_SHARE = 0.8  # share of the no-load speed that a smooth goal may have
-MIN_GOAL_RANGE = (
-    0.1  # [rad] range that gravity must leave: in less, backlash and friction hide what a motion would show
-)
+MIN_GOAL_RANGE = 0.1
+"""[rad] range that gravity must leave: in less, backlash and friction hide what a motion would show."""
 STOP_CLEARANCE = 0.03  # [rad] that a motion stays away from a stop
 SMOOTH_KINDS = ("chirp", "fast chirp", "multisine", "slow triangle", "slow small triangle")
 

@@ -18,9 +18,8 @@ from ..search.torque_gauge import is_open
 from .excitations import Limits
 from .proposal import VISIBLE_DIFFERENCE, Experiment, everything, predict, propose, thinned, unlike
 
-MAX_BLIND_SHARE = (
-    0.25  # share of the catalogue that a log may be unable to show for "nothing to explain" to mean something
-)
+MAX_BLIND_SHARE = 0.25
+"""Share of the catalogue that a log may be unable to show for "nothing to explain" to mean something."""
 ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
 
 

@@ -14,7 +14,7 @@ from ...envs.engine.robot import Robot
 from ..checks.bootstrap import BLOCK_SECONDS
 from ..checks.imu import (
     IMU,
-    REACH,
+    IMU_LAG_REACH,
     ImuLog,
     Match,
     check_imu,
@@ -35,11 +35,13 @@ from ..measure.measured import Measured
 from ..verdict.verdict import EXPLAINED as SAID
 from ..verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis, Reason, Verdict, data_errors
 
-EARLIEST = -0.03  # [s] of its lag behind the legs: joints are read late, too
-CARRIED = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
-SPREADS = 4.0  # standard deviations about an axis of the believed bias, from which a turn about any is worth a word
-LATER = 0.012  # [s] beyond the believed delay that is worth a word; feet and floor that are softer make as much
-DRAWS = 100
+EARLIEST_LAG = -0.03  # [s] of its lag behind the legs: joints are read late, too
+MIN_CARRIED_SHARE = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
+MIN_TURN_DEVIATIONS = 4.0
+"""Standard deviations about an axis of the believed bias, from which a turn about any is worth a word."""
+MIN_EXTRA_DELAY = 0.012
+"""[s] beyond the believed delay that is worth a word; feet and floor that are softer make as much."""
+TURN_DRAWS = 100
 
 
 def beside(runs: Sequence[MeasuredRun]) -> tuple[str, ...]:
@@ -115,7 +117,7 @@ class Legs:
         found = []
         delay, bias = self.believed
         more = self.rates.lag - delay
-        if abs(more) > LATER and (self.rates.low - delay) * (self.rates.high - delay) > 0.0:
+        if abs(more) > MIN_EXTRA_DELAY and (self.rates.low - delay) * (self.rates.high - delay) > 0.0:
             found.append(
                 Finding(
                     "imu.delay", "warning", IMU, "base.imu.age",
@@ -124,7 +126,7 @@ class Legs:
                     value=self.rates.lag, low=self.rates.low, high=self.rates.high, cause="sensor.delay",
                 )
             )  # fmt: skip
-        far = np.abs(self.turned) > SPREADS * np.maximum(max(bias, 1e-3), self.spread)
+        far = np.abs(self.turned) > MIN_TURN_DEVIATIONS * np.maximum(max(bias, 1e-3), self.spread)
         if far.any():
             size = float(np.linalg.norm(self.turned[far]))
             spread = float(np.sqrt((self.turned[far] ** 2 * self.spread[far] ** 2).sum())) / size
@@ -156,19 +158,19 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
             continue
         inside = (log.time > base.time[0]) & (log.time < base.time[-1])
         log = ImuLog(log.time[inside], log.orientation[inside], log.turn_rate[inside])
-        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * REACH + BLOCK_SECONDS:
+        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * IMU_LAG_REACH + BLOCK_SECONDS:
             continue
         at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
         share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
         turn = turns.between(base.orientation[at - 1], base.orientation[at], share)
         rate, seen = rates_of_turns(log.time, turn), smoothed(log)
-        alone = match([(log.time, seen, rate)], EARLIEST, delay + REACH)
-        if alone is not None and alone.explained > CARRIED:
+        alone = match([(log.time, seen, rate)], EARLIEST_LAG, delay + IMU_LAG_REACH)
+        if alone is not None and alone.explained > MIN_CARRIED_SHARE:
             left = float(np.std(seen)) * np.sqrt(max(1.0 - alone.explained, 1e-3))
             pairs.append(_Beside(log, turn, seen / left, rate / left))
     if not pairs:
         return None
-    found = match([(one.log.time, one.rate, one.asked_rate) for one in pairs], EARLIEST, delay + REACH)
+    found = match([(one.log.time, one.rate, one.asked_rate) for one in pairs], EARLIEST_LAG, delay + IMU_LAG_REACH)
     if found is None:
         return None
     blocks = [block for one in pairs for block in one.blocks(found.lag)]
@@ -255,5 +257,5 @@ def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
         return turned
 
     random = np.random.default_rng(0)
-    drawn = [solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(DRAWS)]
+    drawn = [solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(TURN_DRAWS)]
     return -solved(blocks), np.std(drawn, axis=0)

@@ -25,8 +25,8 @@ from ..log.types import Array, MeasuredRun
 from .many import WITHOUT_END
 from .tree_replay import shares
 
-REST, SPEEDING = 0.5, 0.2  # [s] that it settles in its first pose, and in which its motion then sets in
-FALLEN = 0.7  # [rad] from upright: what it does then, its legs do not tell
+SETTLING_SECONDS, SPEED_UP_SECONDS = 0.5, 0.2  # that it settles in its first pose, and in which motion then sets in
+FALLEN_ANGLE = 0.7  # [rad] from upright: what it does then, its legs do not tell
 PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 
 
@@ -85,24 +85,24 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
     for k in range(len(clock)):
         data.qpos[places], data.qvel[dofs] = position[k], moved[k]
         turned[k] = data.qpos[place[0] + 3 : place[0] + 7]
-        if not np.isfinite(turned[k]).all() or projected_gravity(turned[k]) @ upright < np.cos(FALLEN):
+        if not np.isfinite(turned[k]).all() or projected_gravity(turned[k]) @ upright < np.cos(FALLEN_ANGLE):
             break
         if k + 1 < len(clock):
             data.qfrc_applied[dofs] = WITHOUT_END * (moved[k + 1] - moved[k]) / step
             mujoco.mj_step(model, data)
     else:
         k += 1
-    kept = slice(int(np.searchsorted(clock[:k], run.time[0] + SPEEDING)), k)
+    kept = slice(int(np.searchsorted(clock[:k], run.time[0] + SPEED_UP_SECONDS)), k)
     return Carried(clock[kept], turned[kept])
 
 
 def _paths(run: MeasuredRun, names: list[str], frames: dict[str, Frame], step: float) -> tuple[Array, Array]:
     """Times of the run at steps of the engine, and the coordinates there (n, k), behind a rest in the first pose."""
     span = float(run.time[-1] - run.time[0])
-    since = np.arange(-REST, span, step)
+    since = np.arange(-SETTLING_SECONDS, span, step)
     # the time of the run passes by and by: still at first, then ever faster, then as it did
-    ramp = np.clip(since, 0.0, SPEEDING)
-    passed = np.where(since < SPEEDING, 0.5 * ramp**2 / SPEEDING, since - 0.5 * SPEEDING)
+    ramp = np.clip(since, 0.0, SPEED_UP_SECONDS)
+    passed = np.where(since < SPEED_UP_SECONDS, 0.5 * ramp**2 / SPEED_UP_SECONDS, since - 0.5 * SPEED_UP_SECONDS)
     clock = run.time[0] + passed
     columns = []
     for name in names:

@@ -13,7 +13,7 @@ from ..log.parts import FIT_A, FIT_B, PARTS
 from ..replay.parameters import Parameter
 from .problem import GroundProblem
 
-FEWEST = 3 * len(PARTS)  # pieces, three for each part of the data
+MIN_PIECES = 3 * len(PARTS)  # pieces, three for each part of the data
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ def too_few(count: int, tested: int, held: bool, group: str | None, pieces: str)
         group: its name.
         pieces: what they are called.
     """
-    if held and (tested < FEWEST // 3 or count - tested < FEWEST - FEWEST // 3):
+    if held and (tested < MIN_PIECES // 3 or count - tested < MIN_PIECES - MIN_PIECES // 3):
         return (
-            f"of {count} {pieces} {tested} are in the group '{group}'; {FEWEST // 3} are needed there to "
-            f"test on and {FEWEST - FEWEST // 3} in the others to fit on."
+            f"of {count} {pieces} {tested} are in the group '{group}'; {MIN_PIECES // 3} are needed there to "
+            f"test on and {MIN_PIECES - MIN_PIECES // 3} in the others to fit on."
         )
     return None

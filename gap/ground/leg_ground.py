@@ -17,12 +17,12 @@ from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
 from .causes import CONTACT_TIME_FACTOR, ground_causes
-from .laid import FEWEST, Laid, too_few
+from .laid import MIN_PIECES, Laid, too_few
 from .leg_model import LegModel
 from .leg_replay import JOINTS, LegReplay
-from .many import STEP
+from .many import ENGINE_STEP
 from .problem import GroundProblem, Judged, ground_problem
-from .stances import COLUMNS, FIRST, MODEL, UNITS, Stance, column_noise, columns, find_stances
+from .stances import COLUMNS, MODEL_ERRORS, UNITS, UNJUDGED_SECONDS, Stance, column_noise, columns, find_stances
 
 
 def lay_leg(
@@ -60,9 +60,9 @@ def lay_leg(
     progress("looking for stances")
     noise = column_noise(runs)
     stances = find_stances(runs, leg, noise)
-    if len(stances) < FEWEST:
+    if len(stances) < MIN_PIECES:
         return (
-            f"the leg left the ground {len(stances)} times for long enough, and {FEWEST} stances are needed; "
+            f"the leg left the ground {len(stances)} times for long enough, and {MIN_PIECES} stances are needed; "
             "let it hop for longer."
         )
     tested = sum(stance.run in held for stance in stances)
@@ -87,8 +87,8 @@ def leg_problem(
     test_group: str | None = None,
 ) -> GroundProblem:
     """Stances of a hopper as a problem, with the rms error of a sample of each judged column (4,)."""
-    judged = Judged(COLUMNS, UNITS, np.array(MODEL), noise, FIRST)
-    replay = LegReplay(leg, runs, stances, STEP)
+    judged = Judged(COLUMNS, UNITS, np.array(MODEL_ERRORS), noise, UNJUDGED_SECONDS)
+    replay = LegReplay(leg, runs, stances, ENGINE_STEP)
     return ground_problem(runs, leg, replay, judged, [columns(run) for run in runs], test_group)
 
 
@@ -107,7 +107,7 @@ def _unlogged() -> Finding:
 
 
 HEIGHT_ZERO_TOLERANCE = 3e-3  # [m] how well the zero of the height is known
-SHORTEST_TIME_CONSTANT = 2.0 * STEP  # [s] the engine takes no shorter time constant for a step
+SHORTEST_TIME_CONSTANT = 2.0 * ENGINE_STEP  # [s] the engine takes no shorter time constant for a step
 HARD_STIFFNESS = 2e4  # [N/m] below which that contact is not made by tuning: it would do a soft ground's work unnamed
 SHOWN_IN = {"contact.friction": "base.x", "contact.stiffness": "base.z", "contact.slope": "base.x"}
 STIFFNESS_STARTS, SOFT_STIFFNESS = (1500.0, 5000.0), 4000.0  # [N/m]

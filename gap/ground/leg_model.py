@@ -13,12 +13,13 @@ from ...envs.engine.scene import FLOOR
 from ...envs.hopper.robot import HOPPER, LOWER
 from ..replay.parameters import absolute
 
-STIFFEST = 1.5e4  # [N/m] of a ground that the engine's step resolves; half a kilogram sinks a millimetre into it
+MAX_SOFT_STIFFNESS = 1.5e4
+"""[N/m] of a ground that the engine's step resolves; half a kilogram sinks a millimetre into it."""
 GROUND_MASS = 0.01  # [kg] of the ground that moves with the foot where it is soft: assumed
-IMMOBILE = 1e6  # [kg] of the ground where it is not
-DEPTH = 3e-4  # [m] of a foot in the engine's own contact, whose stiffness grows with it: a leg at rest, about
+IMMOBILE_MASS = 1e6  # [kg] of the ground where it is not
+CONTACT_DEPTH = 3e-4  # [m] of a foot in the engine's own contact, whose stiffness grows with it: a leg at rest, about
 GROUND_BODY, GROUND_JOINT = "ground", "ground_normal"
-SIZE = (20.0, 2.0, 0.05)  # [m] half sizes of the ground
+GROUND_SIZE = (20.0, 2.0, 0.05)  # [m] half sizes of the ground
 GROUND = {
     "contact.friction": 1.0,  # coefficient of the foot on the ground
     "contact.time": 0.006,  # [s] time constant of the engine's contact itself
@@ -102,7 +103,7 @@ class LegModel:
         joint = body.add_joint(name=GROUND_JOINT, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0.0, 0.0, 1.0))
         joint.stiffness, joint.damping = [stiffness, 0.0, 0.0], [damping, 0.0, 0.0]
         body.add_geom(
-            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_BOX, size=SIZE, pos=(0.0, 0.0, -SIZE[2]),
+            name=FLOOR, type=mujoco.mjtGeom.mjGEOM_BOX, size=GROUND_SIZE, pos=(0.0, 0.0, -GROUND_SIZE[2]),
             solref=solref, friction=friction, priority=1, mass=0.0,
         )  # fmt: skip
         return Drivetrain(spec, dict(self.chains), HOPPER.coordinates)
@@ -123,7 +124,7 @@ class LegModel:
 
     def softest_rigid(self) -> float:
         """Stiffness under the foot [N/m] from which the engine's step does not resolve a ground beneath its contact."""
-        return 1.0 / (1.0 / STIFFEST + 1.0 / self.engine_stiffness())
+        return 1.0 / (1.0 / MAX_SOFT_STIFFNESS + 1.0 / self.engine_stiffness())
 
     def compliance(self, plain: bool = False) -> tuple[float, float, float]:
         """Stiffness [N/m], damping [N.s/m] and mass [kg] of what lies beneath the engine's contact.
@@ -135,9 +136,9 @@ class LegModel:
         """
         whole = self.value("contact.stiffness")
         if whole > self.softest_rigid():
-            return 0.0, 0.0, IMMOBILE
+            return 0.0, 0.0, IMMOBILE_MASS
         beneath = 1.0 / whole - 1.0 / self.engine_stiffness(plain)
-        return 1.0 / max(beneath, 1.0 / STIFFEST), self.value("contact.damping"), GROUND_MASS
+        return 1.0 / max(beneath, 1.0 / MAX_SOFT_STIFFNESS), self.value("contact.damping"), GROUND_MASS
 
     def mass_centre(self, hip: np.ndarray | float, knee: np.ndarray | float, split: bool = False) -> np.ndarray:
         """Height of the centre of mass over the hip [m] at link angles against the vertical [rad].
@@ -160,15 +161,15 @@ class LegModel:
 
 
 def _hardness(model: mujoco.MjModel) -> tuple[float, float]:
-    """Stiffness of the engine's contact at rest on ground that cannot move, at :data:`DEPTH`, times its time constant
-    squared [N.s2/m], and the inverse mass of the foot in it [1/kg].
+    """Stiffness of the engine's contact at rest on ground that cannot move, at :data:`CONTACT_DEPTH`, times its time
+    constant squared [N.s2/m], and the inverse mass of the foot in it [1/kg].
 
     Source: MuJoCo's documentation, "Computation", on the parameters of constraints.
     """
     floor = model.geom(FLOOR)
     _, ratio = floor.solref
     least, most, width, middle, power = floor.solimp
-    x = min(DEPTH / width, 1.0)
+    x = min(CONTACT_DEPTH / width, 1.0)
     part = (
         x**power / middle ** (power - 1.0) if x < middle else 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1)
     )

@@ -20,7 +20,7 @@ from ...envs.hopper.robot import HIP, KNEE
 from ..log.types import MeasuredRun
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
 from .many import WITHOUT_END, on_many_grounds
-from .stances import LENGTH, Stance
+from .stances import PIECE_SECONDS, Stance
 
 JOINTS = (HIP, KNEE)
 
@@ -62,7 +62,7 @@ class LegReplay:
                 model.dof_frictionloss[motor] = model.dof_damping[motor] = 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))
         self.drivetrain.set_teeth()  # they are told per inertia
-        self.steps = int(np.ceil(LENGTH / step)) + 1
+        self.steps = int(np.ceil(PIECE_SECONDS / step)) + 1
         self.follows = [model.joint(f"{name}_motor").id if _has_motor(model, name) else -1 for name in JOINTS]
         self.drive = self._drive(runs)
         self.time = [runs[s.run].time[s.start : s.stop] - runs[s.run].time[s.start] for s in self.pieces]

@@ -9,7 +9,7 @@ import numpy as np
 
 from .stances import Stance
 
-STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
+ENGINE_STEP = 1e-3  # [s] of the engine: halving it moves a stance by less than right models of contact differ
 MOST_SIMULATIONS = 512  # side by side
 WITHOUT_END = 1e6
 """Inertia [kg.m2] or mass [kg] of what follows its measured motion, whatever acts on it, and place [rad or m] of a stop

@@ -19,7 +19,8 @@ from ..replay.comparison import robust_loss
 from ..replay.problem import CALIBRATION, Nominal, Problem
 from .stances import Stance
 
-FLOOR = 0.8  # squared error over that of the noise that a right model reaches: the noise is known with a margin
+RIGHT_MODEL_LOSS = 0.8
+"""Squared error over that of the noise that a right model reaches: the noise is known with a margin."""
 CONTACT_ERROR = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
 
 
@@ -124,11 +125,11 @@ class GroundProblem(Problem):
 
     def left_over(self, simulated: np.ndarray) -> float | None:
         """Mean squared error beyond the noise, in parts of it; errors are independent here, so it needs no learner."""
-        return max(float(np.mean(self.residual(simulated[None])[0] ** 2)) - FLOOR, 0.0)
+        return max(float(np.mean(self.residual(simulated[None])[0] ** 2)) - RIGHT_MODEL_LOSS, 0.0)
 
     def excess_loss(self, simulated: np.ndarray) -> float | None:
         """Loss per judged value beyond that of noise, whose size is known with a margin."""
-        return float(robust_loss(self.residual(simulated[None])[0]).mean()) - FLOOR
+        return float(robust_loss(self.residual(simulated[None])[0]).mean()) - RIGHT_MODEL_LOSS
 
     def mjcf(self, values: Mapping[str, float]) -> str:
         """The whole robot, its joints as diagnosed, on the ground that was found."""

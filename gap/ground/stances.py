@@ -16,19 +16,19 @@ from .leg_model import LegModel
 COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")
 """What is judged, the height of the hip first."""
 UNITS = ("m", "m", "rad", "rad")
-BEFORE = 2.0 * SPEED_REACH  # [s] from the start of a piece to its touchdown: its state is read in flight
-LENGTH = 0.3  # [s]
+FLIGHT_SECONDS = 2.0 * SPEED_REACH  # [s] from the start of a piece to its touchdown: its state is read in flight
+PIECE_SECONDS = 0.3  # [s]
 LINK_FIT = 0.013  # [s] to both sides of the start, from which the state of a joint is fitted: it moves fast
-FLIGHT = 0.08  # [s] shortest flight after which a stance counts
+MIN_FLIGHT_SECONDS = 0.08  # [s] shortest flight after which a stance counts
 FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from which the leg counts as flying
 NOISE_HALF = 3  # samples to either side: a leg moves fast
-MARGIN = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
+START_SPREAD_FACTOR = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
 UNKNOWN_SPEED = 0.5  # [m/s] standard deviation of a speed that no column tells
-FIRST = LINK_FIT  # [s] of a piece that is not judged: the start state was fitted to it
-MODEL = (1.5e-4, 2e-4, 1e-3, 1e-3)
+UNJUDGED_SECONDS = LINK_FIT  # [s] of a piece that is not judged: the start state was fitted to it
+MODEL_ERRORS = (1.5e-4, 2e-4, 1e-3, 1e-3)
 """What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
 replays of an independent leg on rigid ground. Errors this small say nothing about the ground."""
-MOST = 48  # stances of a data set; more cost time and teach little
+MAX_STANCES = 48  # stances of a data set; more cost time and teach little
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +85,23 @@ def touchdowns(run: MeasuredRun, leg: LegModel) -> np.ndarray:
     flying = np.concatenate([[False], acceleration < -FREE_FALL * GRAVITY, [False]]).astype(int)
     edges = np.diff(flying)
     up, down = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    long = run.time[down] - run.time[up] > FLIGHT
+    long = run.time[down] - run.time[up] > MIN_FLIGHT_SECONDS
     return run.time[down[long]]
 
 
 def find_stances(runs: Sequence[MeasuredRun], leg: LegModel, noise: np.ndarray) -> list[Stance]:
-    """The stances of all runs, thinned evenly to :data:`MOST`."""
+    """The stances of all runs, thinned evenly to :data:`MAX_STANCES`."""
     found = []
     for k, run in enumerate(runs):
         values = columns(run)
         for touchdown in touchdowns(run, leg):
-            start = int(np.searchsorted(run.time, touchdown - BEFORE))
-            stop = int(np.searchsorted(run.time, run.time[start] + LENGTH))
+            start = int(np.searchsorted(run.time, touchdown - FLIGHT_SECONDS))
+            stop = int(np.searchsorted(run.time, run.time[start] + PIECE_SECONDS))
             if start < 1 or stop >= len(run.time):
                 continue
             if (stance := _stance(run, leg, values, k, start, stop, noise)) is not None:
                 found.append(stance)
-    return thinned(found, MOST)
+    return thinned(found, MAX_STANCES)
 
 
 def thinned(pieces: list[Stance], most: int) -> list[Stance]:
@@ -143,4 +143,4 @@ def _stance(
 def polynomial(t: np.ndarray, x: np.ndarray, order: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Value and slope at zero of a polynomial through samples, and their standard deviations."""
     inverse = np.linalg.pinv(np.stack([t**power for power in range(order + 1)], axis=1))
-    return (inverse @ x)[:2], MARGIN * noise * np.linalg.norm(inverse[:2], axis=1)
+    return (inverse @ x)[:2], START_SPREAD_FACTOR * noise * np.linalg.norm(inverse[:2], axis=1)

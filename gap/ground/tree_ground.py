@@ -21,17 +21,17 @@ from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
 from .causes import CONTACT_TIME_FACTOR, ground_causes
-from .laid import FEWEST, Laid, too_few
-from .many import STEP
+from .laid import MIN_PIECES, Laid, too_few
+from .many import ENGINE_STEP
 from .problem import ground_problem
-from .stances import LENGTH
+from .stances import PIECE_SECONDS
 from .tree_model import TreeModel, base_joints, base_layout
 from .tree_pieces import BaseColumns, find_pieces
 from .tree_replay import TreeReplay
 
-HEIGHT = 0.02  # [m] how well the zero of the base's height is known: assumed, of a camera
-DAMPED = 5.0  # factor on its damping ratio, which stands for none either
-SOFTER = (0.1, 0.3)  # of the stiffness that the model has: where fits of soft ground start
+HEIGHT_ZERO_TOLERANCE = 0.02  # [m] how well the zero of the base's height is known: assumed, of a camera
+DAMPING_RATIO_FACTOR = 5.0  # factor on its damping ratio, which stands for none either
+STIFFNESS_START_SHARES = (0.1, 0.3)  # of the stiffness that the model has: where fits of soft ground start
 
 
 def stands(run: MeasuredRun) -> bool:
@@ -76,8 +76,9 @@ def lay_robot(
         )
     judged = columns.judged(runs)
     pieces = find_pieces(runs, columns, judged)
-    if len(pieces) < FEWEST:
-        return f"its base was seen in {len(pieces)} pieces of {LENGTH:g} s, and {FEWEST} are needed; log for longer."
+    if len(pieces) < MIN_PIECES:
+        seen = f"its base was seen in {len(pieces)} pieces of {PIECE_SECONDS:g} s"
+        return f"{seen}, and {MIN_PIECES} are needed; log for longer."
     tested = sum(piece.run in held for piece in pieces)
     if (why := too_few(len(pieces), tested, bool(held), test_group, "pieces")) is not None:
         return why
@@ -130,8 +131,8 @@ def _causes(model: TreeModel, columns: BaseColumns, names: Sequence[str] | None)
     shown = {"contact.friction": way, "contact.stiffness": up, "contact.slope": _first(columns, ("pitch", "roll", "z"))}
     across = not {"y", "roll"}.isdisjoint(columns.directions)
     slopes = ("contact.slope", "contact.slope_y") if across else ("contact.slope",)
-    starts = [share * stiffness for share in SOFTER]
-    return ground_causes(starts, stiffness, SOFTER[1] * stiffness, shown, slopes, names, damped=False)
+    starts = [share * stiffness for share in STIFFNESS_START_SHARES]
+    return ground_causes(starts, stiffness, STIFFNESS_START_SHARES[1] * stiffness, shown, slopes, names, damped=False)
 
 
 def _first(columns: BaseColumns, keys: Sequence[str]) -> str:
@@ -143,11 +144,11 @@ def _first(columns: BaseColumns, keys: Sequence[str]) -> str:
 
 def _numbers(model: TreeModel) -> list[Parameter]:
     """What every fit tunes: how hard and how damped the engine's contact is made, and the zero of the height."""
-    shortest = 2.0 * STEP / model.value("contact.time")
+    shortest = 2.0 * ENGINE_STEP / model.value("contact.time")
     return [
         factor("contact.time", min(max(1.0 / CONTACT_TIME_FACTOR, shortest), 1.0), 1.0, 0.2),
-        factor("contact.damping_ratio", 1.0 / DAMPED, DAMPED, 0.3),
-        Parameter("contact.height", "m", -HEIGHT, HEIGHT, 0.0, 1e-3),
+        factor("contact.damping_ratio", 1.0 / DAMPING_RATIO_FACTOR, DAMPING_RATIO_FACTOR, 0.3),
+        Parameter("contact.height", "m", -HEIGHT_ZERO_TOLERANCE, HEIGHT_ZERO_TOLERANCE, 0.0, 1e-3),
     ]
 
 

@@ -21,7 +21,8 @@ from ..replay.parameters import absolute
 
 BASE = "base"  # a free joint that has no name
 GROUND_BODY, FLOOR = "ground", "floor"
-SIZE, FRICTIONS = (0.0, 0.0, 0.05), (0.005, 1e-4)  # of the floor: without end; about its normal, and of rolling
+FLOOR_SIZE = (0.0, 0.0, 0.05)  # without end
+FLOOR_FRICTIONS = (0.005, 1e-4)  # about its normal, and of rolling
 UNITS = {
     "contact.friction": "1",
     "contact.time": "s",
@@ -133,7 +134,7 @@ class TreeModel:
         spec, model, friction = drivetrain.spec, drivetrain.model, self.value("contact.friction")
         body = spec.body(GROUND_BODY)
         (geom,) = body.geoms
-        geom.friction, geom.solref = (friction, *FRICTIONS), self.solref()
+        geom.friction, geom.solref = (friction, *FLOOR_FRICTIONS), self.solref()
         body.pos, body.quat = self.place()
         floor, ground = ground_of(model)
         model.geom_friction[floor, 0], model.geom_solref[floor] = friction, self.solref()
@@ -207,7 +208,7 @@ def _built(robot: Robot, params: Mapping[str, float], chains: Mapping[str, Chain
             "floor is what can be judged; leave one plane in it."
         )
     # default classes are of the parts of the file, and a floor of ours is none of them
-    of_ours = {"default": ENGINE_DEFAULTS, "type": mujoco.mjtGeom.mjGEOM_PLANE, "size": SIZE}
+    of_ours = {"default": ENGINE_DEFAULTS, "type": mujoco.mjtGeom.mjGEOM_PLANE, "size": FLOOR_SIZE}
     plane = planes[0] if planes else spec.worldbody.add_geom(name=FLOOR, **of_ours)
     contact, name, height = _contact(spec.copy().compile()), plane.name or FLOOR, float(plane.pos[2])
     kind, affinity = int(plane.contype), int(plane.conaffinity)
@@ -217,7 +218,7 @@ def _built(robot: Robot, params: Mapping[str, float], chains: Mapping[str, Chain
     floor = body.add_geom(name=name, contype=kind, conaffinity=affinity, margin=margin, gap=gap, **of_ours)
     floor.priority = 1 + max((int(geom.priority) for geom in spec.geoms), default=0)
     floor.solimp, floor.condim, floor.solref = contact.solimp, contact.condim, (contact.time, contact.ratio)
-    floor.friction = (contact.friction, *FRICTIONS)
+    floor.friction = (contact.friction, *FLOOR_FRICTIONS)
     drivetrain = Drivetrain(spec, dict(chains), robot.coordinates)
     robot.finish(drivetrain, params)
     return drivetrain

@@ -13,17 +13,18 @@ from ..checks.signal import derivatives
 from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
 from .problem import Judged
-from .stances import LENGTH, UNKNOWN_SPEED, Stance, polynomial, sample_error, thinned
+from .stances import PIECE_SECONDS, UNKNOWN_SPEED, Stance, polynomial, sample_error, thinned
 
 ALONG = ("x", "y", "yaw")  # of the ground: where on it a robot is does not matter
 FIT_SAMPLES = 3.5  # to both sides of a start, at least, from which its state is fitted
-FIRST = 0.04  # [s] of a piece that is not judged: its contacts settle
-CHOICE = 0.1  # [s] within which a piece starts where the base moves most evenly; the first begins as much into its run
-MOST = 36  # pieces of a data set; more cost time and teach little
-MODEL = {"m": 5e-4, "rad": 2e-3}
+UNJUDGED_SECONDS = 0.04  # [s] of a piece that is not judged: its contacts settle
+START_CHOICE = 0.1
+"""[s] within which a piece starts where the base moves most evenly; the first begins as much into its run."""
+MAX_PIECES = 36  # pieces of a data set; more cost time and teach little
+MODEL_ERRORS = {"m": 5e-4, "rad": 2e-3}
 """What two right models of contact differ by over a piece [m, rad]: assumed, some ticks of the joints at the feet."""
 LAW_ERROR = 0.2  # relative, of friction: assumed, an independent walker of soft ground showed 13 and 18 %
-SPREAD = {"m": 5e-4, "rad": 1e-3}
+START_SPREADS = {"m": 5e-4, "rad": 1e-3}
 """How much less well a start is known than its parabola says [m, rad]: assumed; feet bear on the ground with it."""
 
 
@@ -63,9 +64,9 @@ class BaseColumns:
     def judged(self, runs: Sequence[MeasuredRun]) -> Judged:
         """What is compared, with the noise of each column."""
         rows = [[sample_error(run.time, column) for column in self.values(run).T] for run in runs]
-        errors = np.array([MODEL[unit] for unit in self.units])
+        errors = np.array([MODEL_ERRORS[unit] for unit in self.units])
         names = tuple(f"base.{name}" for name in self.names)
-        return Judged(names, self.units, errors, np.median(np.array(rows), axis=0), FIRST, LAW_ERROR)
+        return Judged(names, self.units, errors, np.median(np.array(rows), axis=0), UNJUDGED_SECONDS, LAW_ERROR)
 
     def values(self, run: MeasuredRun) -> np.ndarray:
         """The columns of a run (n, k), NaN where one was not logged; angles go on beyond a turn."""
@@ -78,18 +79,20 @@ class BaseColumns:
 
 
 def find_pieces(runs: Sequence[MeasuredRun], columns: BaseColumns, judged: Judged) -> list[Stance]:
-    """Pieces one behind the other, thinned evenly to :data:`MOST`."""
+    """Pieces one behind the other, thinned evenly to :data:`MAX_PIECES`."""
     found = []
     for k, run in enumerate(runs):
         values = columns.values(run)
         rough = _roughness(run, columns, values, judged)
-        for begin in np.arange(run.time[0] + CHOICE, run.time[-1] - LENGTH - CHOICE, LENGTH + CHOICE):
-            first, last = np.searchsorted(run.time, (begin, begin + CHOICE))
+        for begin in np.arange(
+            run.time[0] + START_CHOICE, run.time[-1] - PIECE_SECONDS - START_CHOICE, PIECE_SECONDS + START_CHOICE
+        ):
+            first, last = np.searchsorted(run.time, (begin, begin + START_CHOICE))
             start = int(first + np.argmin(rough[first : max(last, first + 1)]))
-            stop = int(np.searchsorted(run.time, run.time[start] + LENGTH))
+            stop = int(np.searchsorted(run.time, run.time[start] + PIECE_SECONDS))
             if (piece := _piece(run, columns, values, k, start, stop, judged)) is not None:
                 found.append(piece)
-    return thinned(found, MOST)
+    return thinned(found, MAX_PIECES)
 
 
 def _roughness(run: MeasuredRun, columns: BaseColumns, values: np.ndarray, judged: Judged) -> np.ndarray:
@@ -118,7 +121,7 @@ def _piece(
         if len(near) < 5:
             return None
         state[[c, c + size]], own = polynomial(time[near], values[near, c], 2, float(judged.noise[c]))
-        spread[[c, c + size]] = np.hypot(own, [SPREAD[columns.units[c]], SPREAD[columns.units[c]] / half])
+        spread[[c, c + size]] = np.hypot(own, [START_SPREADS[columns.units[c]], START_SPREADS[columns.units[c]] / half])
     return Stance(k, start, stop, state, spread)
 
 

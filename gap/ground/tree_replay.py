@@ -18,12 +18,12 @@ from ..checks.signal import derivatives
 from ..load.robot import Frame
 from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
-from .many import STEP, WITHOUT_END, on_many_grounds
-from .stances import LENGTH, Stance
+from .many import ENGINE_STEP, WITHOUT_END, on_many_grounds
+from .stances import PIECE_SECONDS, Stance
 from .tree_model import TreeModel, ground_of
 from .tree_pieces import BaseColumns
 
-LOOPS, CLOSED = 20, 1e-10  # steps in which passive joints close a robot's loops, and how well
+MAX_LOOP_STEPS, LOOP_TOLERANCE = 20, 1e-10  # steps in which passive joints close a robot's loops, and how well
 
 
 class TreeReplay:
@@ -43,11 +43,11 @@ class TreeReplay:
         frames: Mapping[str, Frame],
     ) -> None:
         """Build the robot; its ground may differ from replay to replay."""
-        self.step, self.pieces, self._columns = STEP, list(pieces), columns
+        self.step, self.pieces, self._columns = ENGINE_STEP, list(pieces), columns
         self._made_from = (robot, runs, pieces, columns, frames)
         self.drivetrain = robot.drivetrain()
         model = self.model = self.drivetrain.model
-        model.opt.timestep, model.opt.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        model.opt.timestep, model.opt.integrator = ENGINE_STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         # friction holds a foot that does not slide; with the default it creeps
         model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, 10.0)
@@ -59,7 +59,7 @@ class TreeReplay:
             dof = int(model.jnt_dofadr[number])
             model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = WITHOUT_END, 0.0, 0.0
             model.jnt_range[number], model.jnt_stiffness[number] = (-WITHOUT_END, WITHOUT_END), 0.0
-        self.steps = int(np.ceil(LENGTH / STEP)) + 1
+        self.steps = int(np.ceil(PIECE_SECONDS / ENGINE_STEP)) + 1
         self.time = [runs[p.run].time[p.start : p.stop] - runs[p.run].time[p.start] for p in self.pieces]
         self._follow(runs, frames)
         self.rest = np.stack([self._closed(k) for k in range(len(self.pieces))])
@@ -71,7 +71,7 @@ class TreeReplay:
 
     def _follow(self, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> None:
         """Where every driven joint is at each engine step of each piece, and how it speeds up."""
-        ticks = np.arange(self.steps + 1) * STEP
+        ticks = np.arange(self.steps + 1) * ENGINE_STEP
         paths = [[self._path(run, name, frames) for name in self.names] for run in runs]
         angles = np.empty((self.steps + 1, len(self.pieces), len(self.names)))
         for k, piece in enumerate(self.pieces):
@@ -81,8 +81,8 @@ class TreeReplay:
         self.position, self._begin = angles @ self._motors.T, angles[:2] @ self._links.T
         # as the engine integrates: a speed first, with which it then moves
         moved = np.diff(self.position, axis=0)
-        self.speed = np.concatenate([moved[:1], moved]) / STEP
-        self.acceleration = np.diff(self.speed, axis=0) / STEP
+        self.speed = np.concatenate([moved[:1], moved]) / ENGINE_STEP
+        self.acceleration = np.diff(self.speed, axis=0) / ENGINE_STEP
 
     def _path(self, run: MeasuredRun, name: str, frames: Mapping[str, Frame]) -> CubicHermiteSpline:
         """A smooth path through the readings of a coordinate, in the frame of the model."""
@@ -100,7 +100,7 @@ class TreeReplay:
         mujoco.mj_resetData(model, data)
         for j, name in enumerate(self.links):  # behind springs, they start where their motors are
             first, second = self._begin[:, k, j]
-            data.joint(name).qpos[0], data.joint(name).qvel[0] = first, (second - first) / STEP
+            data.joint(name).qpos[0], data.joint(name).qvel[0] = first, (second - first) / ENGINE_STEP
         for j, name in enumerate(self.joints):
             data.joint(name).qpos[0], data.joint(name).qvel[0] = self.position[0, k, j], self.speed[0, k, j]
         driven = [int(model.joint(name).dofadr[0]) for name in dict.fromkeys([*self.links, *self.joints])]
@@ -108,14 +108,14 @@ class TreeReplay:
             return np.concatenate([data.qpos, data.qvel])
         base = {dof for number in self._columns.layout.joints for dof in _dofs(model, number)}
         passive = [dof for dof in range(model.nv) if dof not in base and dof not in driven]
-        for _ in range(LOOPS):
+        for _ in range(MAX_LOOP_STEPS):
             mujoco.mj_fwdPosition(model, data)
             rows = data.efc_type[: data.nefc] == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
             error = data.efc_pos[: data.nefc][rows]
             slope = self._dense(data)[rows]
             change = np.zeros(model.nv)
             change[passive] = -np.linalg.pinv(slope[:, passive]) @ error
-            if not rows.any() or np.abs(change).max() < CLOSED:
+            if not rows.any() or np.abs(change).max() < LOOP_TOLERANCE:
                 break
             mujoco.mj_integratePos(model, data.qpos, change, 1.0)
         if rows.any():

@@ -14,9 +14,8 @@ from ..log.types import Array
 from .robot import SINGLE_COORDINATE_KINDS
 
 MAX_BATCH_SAMPLES = 4096  # samples at once, which bounds the memory
-REGULARISING_INERTIA = (
-    1.0  # [kg.m2] of each joint, taken off again: a robot without masses would have a singular matrix
-)
+REGULARISING_INERTIA = 1.0
+"""[kg.m2] of each joint, taken off again: a robot without masses would have a singular matrix."""
 UNNEEDED_FORCES = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT,
     mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,

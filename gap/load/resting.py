@@ -23,9 +23,8 @@ SLOW_SPEEDS = (0.1, 0.4)  # [rad/s] below which joints are judged: what a log ha
 REVERSAL_SPEED = 0.05  # [rad/s] over which dry friction turns around
 SPEED_SECONDS = 0.3  # [s] over which a speed is told
 MIN_HEIGHT_LEVER = 0.01  # [m/rad] from which the height of a body tells of a joint
-RESTING_HEIGHT_SHARE = (
-    0.05  # of the reach of a robot: heights above the lowest one at which it may rest, where its shape is not known
-)
+RESTING_HEIGHT_SHARE = 0.05
+"""Of the reach of a robot: heights above the lowest one at which it may rest, where its shape is not known."""
 CLEAR_HEIGHT_SHARE = 2.0 * RESTING_HEIGHT_SHARE
 """And above which it certainly does not; while it rests, it sinks by less in a second."""
 CONTACT_HEIGHT_QUANTILE = 0.95  # share of the poses that certainly rest, above whose heights no contact is expected

@@ -27,7 +27,7 @@ INERTIA, BIAS, CURVE = E_INERTIA - T_OWN, E_BIAS - T_OWN, E_CURVE - T_OWN
 DRAG, COUPLING = E_DRAG - T_OWN, E_COUPLING - T_OWN
 PAYLOAD_SHARES = 50  # of a body's mass in which it is tried how much of it may be missing at its tip
 NO_LEVER = 1e-6  # [m] from a joint to a centre of mass that lies in its axis
-NOTHING = 1e-9  # [kg, N, N.m or rad] that count as nothing
+NEGLIGIBLE_SIZE = 1e-9  # [kg, N, N.m or rad] that count as nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,6 +346,9 @@ def own_lever(model: mujoco.MjModel, joint: int) -> float:
     Also 0 of a slide, whose load no centre of mass changes, and of a body without a name, which cannot be changed.
     """
     body, size = int(model.jnt_bodyid[joint]), float(np.linalg.norm(arm_of(model, joint)))
-    alone = model.body_subtreemass[body] - model.body_mass[body] <= NOTHING or model.body_mass[body] <= NOTHING
+    alone = (
+        model.body_subtreemass[body] - model.body_mass[body] <= NEGLIGIBLE_SIZE
+        or model.body_mass[body] <= NEGLIGIBLE_SIZE
+    )
     slides = int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE)
     return 0.0 if alone or slides or size < NO_LEVER or not model.body(body).name else size

@@ -11,7 +11,7 @@ from .types import LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before is forgotten; a quiet start is sought as long
 STATE_SAMPLES = 2.5  # periods either side of a sample, at least, over which its speed is read
-AWAY = 0.5  # [1/s] of the range of a motion, by which a speed must be read better to be read at an end of a search
+AWAY_COST = 0.5  # [1/s] of the range of a motion, by which a speed must be read better to be read at an end of a search
 SPEED_REACH = 0.03  # [s] either side of a sample over which its speed is read, and twice that
 QUIET_REACH = 0.05  # [s] either side of a sample over which its motion is judged
 # of a run that is not judged at its start, where what came before is unknown: commands under way, on which side of a
@@ -220,7 +220,7 @@ def steady(time: np.ndarray, position: np.ndarray, command: np.ndarray, earliest
     jumps = np.nan_to_num(np.abs(np.diff(command, prepend=command[:1]))) * np.ptp(position) / max(span, 1e-12)
     recent = np.array([jumps[max(k - 2 * reach, 0) : k + 1].max() for k in samples]) / (2.0 * SPEED_REACH)
     middle, half = 0.5 * (earliest + latest), 0.5 * (latest - earliest)
-    away = AWAY * np.ptp(position) * np.abs(time[samples] - middle) / half
+    away = AWAY_COST * np.ptp(position) * np.abs(time[samples] - middle) / half
     return int(samples[np.argmin(np.abs(slope(reach) - slope(2 * reach)) + recent + away)])
 
 

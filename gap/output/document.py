@@ -24,7 +24,7 @@ from ..verdict.decide import overall as overall_verdict
 from ..verdict.verdict import NOT_IDENTIFIABLE, PARTLY, DataError, JointDiagnosis, Reason, Verdict
 from .extension import changes, not_native
 
-VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
+FORMAT_VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
 FILE = "diagnosis.json"
 T = TypeVar("T")
 
@@ -47,7 +47,7 @@ def document_of(diagnoses: Sequence[JointDiagnosis], name: str, runs: Sequence[s
 def whole(documents: Sequence[dict[str, Any]], name: str, runs: Sequence[str]) -> dict[str, Any]:
     """The document of a machine from those of its joints."""
     one = documents[0] if len(documents) == 1 else {**overall(documents), "joints": list(documents)}
-    return {"version": VERSION, "data": name, "runs": list(runs), **one}
+    return {"version": FORMAT_VERSION, "data": name, "runs": list(runs), **one}
 
 
 def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
@@ -173,7 +173,7 @@ def read_document(folder: Path) -> dict[str, Any]:
         document = read_json(path)
     except DocumentError as error:
         raise SealegsError(f"{folder} holds no diagnosis: {path.name} {error.problem}; diagnose again.") from None
-    if not isinstance(document, dict) or document.get("version") != VERSION:
+    if not isinstance(document, dict) or document.get("version") != FORMAT_VERSION:
         raise SealegsError(f"{path} is no diagnosis of this version of sealegs, or it is damaged; diagnose again.")
     return document
 

@@ -27,8 +27,8 @@ from ..search.intervals import intervals, linearised
 from ..verdict.verdict import JointDiagnosis
 from .extension import Taken, extended_of
 
-COUNT = 32
-TRIES = 8  # of a machine that cannot be built, or whose chain has another law
+DRAWN_MACHINES = 32
+BUILD_TRIES = 8  # of a machine that cannot be built, or whose chain has another law
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +89,8 @@ def with_draws(
     spreads = {one.joint: spread_of(one, seed) for one in diagnoses}
     rng = np.random.default_rng(seed)
     machines: list[dict[tuple[str, ...], float]] = []
-    for _ in range(COUNT):
-        for _ in range(TRIES):
+    for _ in range(DRAWN_MACHINES):
+        for _ in range(BUILD_TRIES):
             drawn = extended_of(_drawn(diagnoses, spreads, rng), data, taken)
             if drawn is not None and _like(drawn, extended):
                 machines.append(drawn.numbers())

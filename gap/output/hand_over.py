@@ -23,12 +23,12 @@ from .whole import confirm_whole
 
 NARROWER: tuple[Taken, ...] = ("own", "named")
 KEPT = "Encoders whose error is doubted stay as believed in the model that is handed over"
-HARM = 1.1  # times its error as believed, beyond its noise, from which a joint counts as harmed
+HARM_RATIO = 1.1  # times its error as believed, beyond its noise, from which a joint counts as harmed
 LEFT = {
     "own": "Numbers of bodies that were only tuned stay as the robot's file has them",
     "named": "Joints without a named cause, and numbers of bodies that were only tuned, stay as they were believed",
 }
-SEEN = 0.02  # relative change of a mass, or one in its unit, from which it is told
+TOLD_MASS_CHANGE = 0.02  # relative change of a mass, or one in its unit, from which it is told
 UNITS = {"payload": "kg"}
 UNSEEN = f"{LEFT['own']}: no simulation of the whole robot could show that they do no harm."
 """Said where a robot cannot be simulated along its log."""
@@ -107,7 +107,7 @@ def bodies_of(extended: Extended) -> str:
     rows = []
     for change in extended.changes:
         _, _, key = change.path.partition("body.")
-        if not key or abs(change.after - change.before) <= SEEN * max(abs(change.before), SEEN):
+        if not key or abs(change.after - change.before) <= TOLD_MASS_CHANGE * max(abs(change.before), TOLD_MASS_CHANGE):
             continue
         value = f"x {change.after:.3g}" if key.endswith("factor") else f"{change.after:+.3g} {UNITS.get(key, 'm')}"
         rows.append(
@@ -168,7 +168,8 @@ def harmed(joints: Mapping[str, Mapping[str, Any]], floors: Mapping[str, float])
     return [
         name
         for name, item in joints.items()
-        if item["extended"] > HARM * item["nominal"] and item["extended"] - item["nominal"] > floors.get(name, 0.0)
+        if item["extended"] > HARM_RATIO * item["nominal"]
+        and item["extended"] - item["nominal"] > floors.get(name, 0.0)
     ]
 
 

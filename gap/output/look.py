@@ -10,7 +10,7 @@ from ..search.look import Look
 from ..search.structure import fine
 from .numbers import number
 
-NOISES = 1.0  # by which a number must move a joint to be told
+MIN_TOLD_NOISES = 1.0  # by which a number must move a joint to be told
 PROVISIONAL = (
     "A first look, provisional: all usual numbers turned together, and no data held back to judge them. "
     "The diagnosis without look=true does that."
@@ -35,7 +35,7 @@ def _numbers(seen: Look, unit: str) -> Iterator[str]:
     nominal = seen.problem.models[0]
     by_path = {p.path: p for p in seen.parameters}
     for path, moved in seen.effects().items():
-        if moved < NOISES * seen.problem.noise:
+        if moved < MIN_TOLD_NOISES * seen.problem.noise:
             continue
         parameter = by_path[path]
         ends = (seen.found.values[path], *seen.bounds[path])

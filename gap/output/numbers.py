@@ -9,7 +9,7 @@ from ..measure.named import Value
 
 MINUS = "\N{MINUS SIGN}"
 GLUE = "\N{NO-BREAK SPACE}"
-DIGITS = 2  # significant digits of half an interval's width that a value is rounded to
+INTERVAL_DIGITS = 2  # significant digits of half an interval's width that a value is rounded to
 UNIT = re.compile(r"(?<=\d) (?=(?:%|per mille|[mk]?(?:rad|N\.m|N|s|m|g|A|V|W|Hz|K|kg|ohm)(?![A-Za-z])|1/))")
 
 
@@ -37,7 +37,7 @@ def decimals(value: Value) -> int | None:
     half = 0.5 * (value.high - value.low)
     if not math.isfinite(half) or half <= 0.0:
         return None
-    return DIGITS - 1 - math.floor(math.log10(half))
+    return INTERVAL_DIGITS - 1 - math.floor(math.log10(half))
 
 
 def rounded(value: Value) -> tuple[str, str, str]:

@@ -22,9 +22,9 @@ from ..robot.directions import every
 from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 
-CERTAINTY = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
-BEYOND = 0.02  # of a joint's motion by which a range must be wider than what the log shows
-DILUTED = 2.0
+BELIEF_WEIGHT = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
+RANGE_MARGIN = 0.02  # of a joint's motion by which a range must be wider than what the log shows
+MAX_DILUTION = 2.0
 """By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
 
 
@@ -95,7 +95,7 @@ def widened_range(robot: LoggedRobot, diagnosis: JointDiagnosis, found: Sequence
                                         strict=True):  # fmt: skip
         if path not in told and np.isinf(joint.models[0].value(path)) and side * (reached - end) > 0.0:
             rows.append(
-                Change(diagnosis.joint, path, end, reached + side * BEYOND * (axis.high - axis.low), "", "robot")
+                Change(diagnosis.joint, path, end, reached + side * RANGE_MARGIN * (axis.high - axis.low), "", "robot")
             )
     return rows
 
@@ -153,9 +153,9 @@ def _masses(robot: LoggedRobot, found: Mapping[str, Change]) -> list[Change]:
         if (whole := share.sum()) > 0.0:
             rows.append(share / whole)
             wanted.append(found[name].after - 1.0)
-    table = np.concatenate([np.array(rows).reshape(-1, len(groups)), CERTAINTY * np.eye(len(groups))])
+    table = np.concatenate([np.array(rows).reshape(-1, len(groups)), BELIEF_WEIGHT * np.eye(len(groups))])
     # joints that contradict each other by a little would otherwise take nearly all of a light body's mass away
-    most = DILUTED * max(max(map(abs, wanted), default=0.0), 1e-9)
+    most = MAX_DILUTION * max(max(map(abs, wanted), default=0.0), 1e-9)
     change = lsq_linear(table, np.array([*wanted, *np.zeros(len(groups))]), bounds=(-most, most)).x
     changes = []
     for group, more in zip(groups, change, strict=True):

@@ -19,7 +19,7 @@ from ...envs.described.robot_described import FileJoint, RobotFile
 from ...envs.engine.model_poses import keyframes, stand, standing
 from ...envs.extended import Extended
 from ..load.robot import robot_of
-from ..load.tree import NOTHING
+from ..load.tree import NEGLIGIBLE_SIZE
 from ..log.types import MeasuredSet
 from .mjcf import native_text, not_native
 
@@ -266,7 +266,7 @@ class FileControls:
         for control in (0.0, 1.0):
             controls = np.full(self.count, control)
             asked = self.torque(drive, controls) if torque else self.goal(drive, controls)
-            if asked is None or not math.isclose(asked, control, abs_tol=NOTHING):
+            if asked is None or not math.isclose(asked, control, abs_tol=NEGLIGIBLE_SIZE):
                 return False
         return True
 

@@ -39,7 +39,7 @@ ZERO_ROUNDS = 3  # times that the zeros of taken frames are fitted, each in the 
 SETTLED_ZERO = 1e-3  # [rad] by which none moves any more
 ZERO, OFFSET = "sensor.offset", "encoder.offset"
 GAIN, DELAY, SHIFT = "drive.gain", "drive.delay", "drive.offset"
-ITERATIONS = 10  # of a fit that only compares frames
+FRAME_FIT_ITERATIONS = 10  # of a fit that only compares frames
 DOUBTED = "robot.frame"
 """Code of the finding that the frames of log and model differ: what is said below it hangs on them."""
 
@@ -252,7 +252,7 @@ def _beside_numbers(machine: Machine) -> Missed:
         if robot is None or robot.slides(joint) or (problem := _replay(machine, joint)) is None:
             continue
         numbers = _numbers(problem.models[0], GAIN, DELAY, SHIFT)
-        error = problem.position_error(fit(problem, numbers, None, ITERATIONS).simulated)
+        error = problem.position_error(fit(problem, numbers, None, FRAME_FIT_ITERATIONS).simulated)
         of_run = np.repeat([unit.run for unit in problem.units], np.diff(problem.starts))[problem.judged]
         for k, each in enumerate(missed):
             each[joint] = float(np.mean(error[of_run == k] ** 2))

@@ -27,7 +27,7 @@ from ..verdict.words import certainty, subject
 from .search import ROBOT
 
 SENTENCE = "Commands take effect at another time than the model believes, at all joints alike: the bus."
-MOSTLY = 0.5  # of the gaps of all joints, from which what they share explains them
+EXPLAINED_SHARE = 0.5  # of the gaps of all joints, from which what they share explains them
 Replayed = Callable[[str], Replay | Refused | None]
 """Gives the replay of a joint; None where it has no commands."""
 
@@ -186,7 +186,7 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
         causes=(cause,),
     )
     case = Case(ROBOT, signal=f"{ROBOT}.position", unit=NOISE_FLOORS)
-    said = Verdict(EXPLAINED if share >= MOSTLY else PARTLY, sentence, (reason,))
+    said = Verdict(EXPLAINED if share >= EXPLAINED_SHARE else PARTLY, sentence, (reason,))
     return [*diagnoses, JointDiagnosis(case, said, measured)]
 
 

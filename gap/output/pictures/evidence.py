@@ -24,10 +24,11 @@ from ...replay.problem import JointProblem
 from ...replay.simulator import CHANNELS, combine
 from ...verdict.verdict import JointDiagnosis
 
-WINDOW = 0.08  # [s] of the parabolas that give speed and acceleration: long against the noise, short against the motion
+DERIVATIVE_SECONDS = 0.08
+"""[s] of the parabolas that give speed and acceleration: long against the noise, short against the motion."""
 LEAST_SAMPLES = 7
-MOVING = 0.03  # [rad/s] above this, and with one sign over the whole window, a joint counts as moving
-AGREES = 0.8  # least correlation of a logged current or duty with the model's, for it to be taken as it is
+MIN_MOVING_SPEED = 0.03  # [rad/s] above this, and with one sign over the whole window, a joint counts as moving
+MIN_CORRELATION = 0.8  # least correlation of a logged current or duty with the model's, for it to be taken as it is
 DUTY, CURRENT = CHANNELS.index("duty"), CHANNELS.index("current")
 
 
@@ -36,7 +37,7 @@ class Motion:
     """Smoothed log of one joint, per sample of the problem (n,).
 
     Attributes:
-        position, speed, acceleration: from parabolas over :data:`WINDOW` [rad, rad/s, rad/s2].
+        position, speed, acceleration: from parabolas over :data:`DERIVATIVE_SECONDS` [rad, rad/s, rad/s2].
         duty, current: logged ones, smoothed alike; None where they were not logged throughout.
         judged: samples that count.
         moving: of these, where the joint moves one way over the whole window.
@@ -153,7 +154,7 @@ def smooth(problem: JointProblem) -> Motion:
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         time = problem.time[a:b]
         step = float(np.median(np.diff(time))) if b - a > 1 else 1.0
-        width = max(round(WINDOW / step), LEAST_SAMPLES) // 2 * 2 + 1
+        width = max(round(DERIVATIVE_SECONDS / step), LEAST_SAMPLES) // 2 * 2 + 1
         if b - a <= width:
             continue
         grid = np.arange(time[0], time[-1] + 0.5 * step, step)
@@ -164,7 +165,7 @@ def smooth(problem: JointProblem) -> Motion:
         for c, values in extra.items():
             held = np.interp(grid, time, problem.measured[a:b, c])
             values[a:b] = np.interp(time, grid, np.asarray(savgol_filter(held, width, 2)))
-        fast = np.sign(out[1, a:b]) * (np.abs(out[1, a:b]) > MOVING)
+        fast = np.sign(out[1, a:b]) * (np.abs(out[1, a:b]) > MIN_MOVING_SPEED)
         run = np.convolve(fast, np.ones(width), "same")
         moving[a:b] = np.abs(run) == width
     judged = problem.judged & np.isfinite(problem.measured[:, 0])
@@ -258,4 +259,4 @@ def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
     if logged is None or not np.all(np.isfinite(logged[at])) or np.std(logged[at]) == 0.0 or np.std(law) == 0.0:
         return False
     same = float(np.corrcoef(logged[at], law)[0, 1])
-    return same > AGREES and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0
+    return same > MIN_CORRELATION and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0

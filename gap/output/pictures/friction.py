@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...load.tree import NOTHING
+from ...load.tree import NEGLIGIBLE_SIZE
 from ...measure.named import NamedCause
 from ...replay.parameters import address
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
@@ -91,7 +91,7 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
         axes.set_ylabel(f"dry friction {evidence.effort}")
     else:
         weight = evidence.quarter_turn_torque
-        carries = bool((weight > NOTHING).all())
+        carries = bool((weight > NEGLIGIBLE_SIZE).all())
         unit = weight if carries else np.ones_like(weight)
         seen = (measured.motor - measured.inertial - measured.modelled_friction) / unit
         models = (nominal.gravity / unit, measured.gravity / unit)

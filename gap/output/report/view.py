@@ -78,7 +78,8 @@ CAPTIONS = {
 }
 PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
-TOGETHER = 2.0  # times the error of a joint alone, from which it is said that the whole robot misses it by more
+WHOLE_ERROR_RATIO = 2.0
+"""Times the error of a joint alone, from which it is said that the whole robot misses it by more."""
 
 
 def page(
@@ -112,7 +113,7 @@ def _robot(found: Mapping[str, Any], diagnoses: Sequence[JointDiagnosis]) -> dic
         row = {key: number(factor * item[key], 3) for key in ("nominal", "extended")}
         row["alone"] = number(factor * alone[name], 3) if name in alone else ""
         rows.append({"joint": name, "unit": unit, **row})
-        if name in alone and item["extended"] > TOGETHER * alone[name]:
+        if name in alone and item["extended"] > WHOLE_ERROR_RATIO * alone[name]:
             apart.append(name)
     said = [found[key] for key in ("bodies", "left", "harm") if key in found]
     return {"reason": found.get("reason", ""), "rows": rows, "apart": ", ".join(apart), "said": said}

@@ -15,7 +15,7 @@ from sealegs.envs.hopper.robot import FOOT, HOPPER
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, search_ground
 from sealegs.gap.ground.leg_ground import contact_causes, ground_numbers, leg_problem
-from sealegs.gap.ground.leg_model import DEPTH, GROUND_MASS, IMMOBILE, LegModel
+from sealegs.gap.ground.leg_model import CONTACT_DEPTH, GROUND_MASS, IMMOBILE_MASS, LegModel
 from sealegs.gap.ground.leg_replay import LegReplay
 from sealegs.gap.ground.problem import GroundProblem
 from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
@@ -178,9 +178,9 @@ def test_causes_of_the_ground_say_themselves_how_large_and_in_which_column_they_
 @pytest.mark.parametrize("time", [0.002, 0.006])
 def test_ground_beyond_a_stiffness_counts_as_rigid(time: float) -> None:
     leg = leg_of(recorded()[0]).with_fitted({"contact.time": time})
-    assert leg.compliance()[2] == IMMOBILE
+    assert leg.compliance()[2] == IMMOBILE_MASS
     most = leg.softest_rigid()
-    assert leg.with_fitted({"contact.stiffness": 1.01 * most}).compliance()[2] == IMMOBILE
+    assert leg.with_fitted({"contact.stiffness": 1.01 * most}).compliance()[2] == IMMOBILE_MASS
     stiffness, damping, mass = leg.with_fitted({"contact.stiffness": 0.99 * most, "contact.damping": 7.0}).compliance()
     assert (damping, mass) == (7.0, GROUND_MASS)
     assert 1.0 / stiffness + 1.0 / leg.engine_stiffness() == pytest.approx(1.0 / (0.99 * most))
@@ -195,9 +195,9 @@ def test_rigid_ground_is_as_hard_as_the_floor_of_the_robot(time: float) -> None:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         height = data.geom_xpos[model.geom(FOOT).id, 2] - leg.params["foot_radius"]
-        data.qpos[model.joint("base_z").qposadr[0]] -= height + DEPTH
+        data.qpos[model.joint("base_z").qposadr[0]] -= height + CONTACT_DEPTH
         mujoco.mj_forward(model, data)
-        assert data.contact.dist[0] == pytest.approx(-DEPTH, rel=1e-3)
+        assert data.contact.dist[0] == pytest.approx(-CONTACT_DEPTH, rel=1e-3)
         row = int(data.contact.efc_address[0])
         stiffness, _, impedance, _ = data.efc_KBIP[row]
         # a pyramid's four edges share the load; each is regularised for the friction beside it

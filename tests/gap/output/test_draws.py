@@ -6,9 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from sealegs.gap.checks.bootstrap import Z95
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.named import NamedCause, Value
-from sealegs.gap.output.draws import NORMAL, spread_of, with_draws
+from sealegs.gap.output.draws import spread_of, with_draws
 from sealegs.gap.output.extension import extended_of
 from sealegs.gap.output.hand_over import hand_over
 from sealegs.gap.robot.search import ROBOT
@@ -36,7 +37,7 @@ def test_a_cause_is_drawn_as_wide_as_its_interval(small: tuple[JointDiagnosis, M
     value = cause.parameters["friction.load"]
     told = drawn(found, data)["friction.load"]
     assert told.mean() == pytest.approx(value.value, rel=0.1)
-    assert told.std() == pytest.approx((value.high - value.low) / (2.0 * NORMAL), rel=0.5)
+    assert told.std() == pytest.approx((value.high - value.low) / (2.0 * Z95), rel=0.5)
 
 
 def test_numbers_that_make_up_for_each_other_are_drawn_together(small: tuple[JointDiagnosis, MeasuredSet]) -> None:
@@ -82,7 +83,7 @@ def test_a_latency_of_all_joints_is_drawn_once(small: tuple[JointDiagnosis, Meas
     columns = dict(zip(draws.numbers, np.array(draws.machines).T, strict=True))
     hip, knee = (columns["chain", joint, "0", "delay.seconds"] for joint in ("hip", "knee"))
     np.testing.assert_allclose(hip, knee, rtol=1e-4)
-    assert hip.std() == pytest.approx(0.002 / NORMAL, rel=0.5)
+    assert hip.std() == pytest.approx(0.002 / Z95, rel=0.5)
     other = [columns["chain", joint, "0", "friction.load"] for joint in ("hip", "knee")]
     assert np.abs(other[0] - other[1]).max() > 1e-6, "the rest is each joint's own"
 

@@ -16,7 +16,7 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment
 from sealegs.gap.load.robot import Machine, robot_of
 from sealegs.gap.load.terms import E_SIZE
-from sealegs.gap.load.tree import DERIVATIVE_ANGLE, Motion, least_payload, terms_along, tip_behind
+from sealegs.gap.load.tree import DERIVATIVE_STEP, Motion, least_payload, terms_along, tip_behind
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun
@@ -45,7 +45,7 @@ def test_the_terms_of_a_joint_are_those_of_inverse_dynamics(sign: float) -> None
     for joint in range(model.njnt):
         terms = terms_along(model, joint, Motion(q, w, a), sign)
         for k in range(len(q)):
-            away, faster = 2.0 * DERIVATIVE_ANGLE, 0.4
+            away, faster = 2.0 * DERIVATIVE_STEP, 0.4
             data.qpos[:], data.qvel[:], data.qacc[:] = q[k], w[k], a[k]
             data.qpos[joint] += sign * away
             data.qvel[joint] += sign * faster
