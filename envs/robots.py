@@ -29,6 +29,8 @@ COLLECTION = {path.stem: path for path in _FILES if path.stem == path.parent.nam
 """Robots of ours that files alone describe: the YAML of each, by name."""
 NAMES = (*ROBOTS, *COLLECTION)
 """Of all robots of ours."""
+MISSPELT_LIKENESS = 0.8
+"""Likeness from which a word for a robot is a known one, misspelt; any other is of a machine that is none of ours."""
 
 
 def get_robot(name: str | Path) -> Robot:
@@ -63,6 +65,12 @@ def get_robot(name: str | Path) -> Robot:
             ".yaml, .xml or .urdf."
         )
     return ROBOTS[str(name)]
+
+
+def robot_meant(word: str) -> str:
+    """The robot of ours whose name a word is but for a slip, as the end of a sentence; empty for a word of its own."""
+    known = not word.isalpha() or word in NAMES or is_robot_file(word)
+    return "" if known else nearest(word, NAMES, MISSPELT_LIKENESS)
 
 
 @functools.lru_cache(maxsize=32)

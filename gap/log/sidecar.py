@@ -16,7 +16,6 @@ from ...common.documents import DocumentError, read_yaml
 from ...common.errors import nearest
 from ...envs.described.robot_file import is_robot_file
 from ...envs.described.robot_sources import files_read
-from ...envs.robots import ROBOTS
 from .types import LogError
 
 FOLDER_DEFAULTS = "log.yaml"
@@ -24,8 +23,6 @@ FOLDER_DEFAULTS = "log.yaml"
 
 DESCRIPTIVE_KEYS = ("group", "units", "sample_clock", "machine", "source", "licence", "date", "notes")
 KEYS = ("robot", "robot_params", "actuators", "meta", *DESCRIPTIVE_KEYS)
-MISSPELT_LIKENESS = 0.8
-"""Likeness from which a word for a robot is a known one, misspelt; any other is a machine whose load nobody knows."""
 MAPPINGS = ("robot_params", "actuators", "meta", "units")
 
 
@@ -84,12 +81,6 @@ def robot_beside(robot: str, folder: Path) -> str:
     if not is_robot_file(path) or path.is_absolute():
         return robot
     return str((folder / path).resolve() if os.path.isfile(folder / path) else path)
-
-
-def robot_meant(word: str) -> str:
-    """The known robot whose name a word is but for a slip, as the end of a sentence; empty for a word of its own."""
-    known = not word.isalpha() or word in ROBOTS or is_robot_file(word)
-    return "" if known else nearest(word, ROBOTS, MISSPELT_LIKENESS)
 
 
 def named_beside(sidecar: Sidecar, folder: Path) -> Sidecar:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...envs.robots import robot_meant
 from ..checks.columns import ANOTHER_UNIT_RATIO
 from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.motion import MAX_STOPPED_ANGLE
@@ -15,7 +16,6 @@ from ..load.robot import Machine
 from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.sidecar import robot_meant
 from ..log.types import Array, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot, commanded
 from .whole_goals import TAKEN, with_whole_goals

@@ -14,7 +14,7 @@ import numpy as np
 from ....actuators.stages.controller import UNLIMITED
 from ....common.errors import nearest
 from ....envs.described.robot_file import RobotFile, is_robot_file, load_robot_file
-from ....envs.robots import ROBOTS, get_robot
+from ....envs.robots import NAMES, get_robot
 from ..types import Array, LogError
 from .positions import PERCENT
 from .recording import STRAY_SHARE
@@ -140,7 +140,7 @@ def robot_of(word: str | None, out: Path) -> Robot:
 
 def has_model(word: str) -> bool:
     """Whether a word is a robot's of the collection or a file's; a word of one's own names no model."""
-    return word in ROBOTS or is_robot_file(word)
+    return word in NAMES or is_robot_file(word)
 
 
 def asked_robot(word: str | None, out: Path) -> Robot:

@@ -16,7 +16,8 @@ from ....common.documents import parse_yaml
 from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
 from ....envs.described.robot_file import is_robot_file
-from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, robot_meant, sidecar_text
+from ....envs.robots import robot_meant
+from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
 from ..types import LogError, MeasuredRun
 from ..units import FACTOR

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from sealegs.envs.robots import robot_meant
 from sealegs.gap.checks.clock import check_clock
 from sealegs.gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
 from sealegs.gap.log.gaps import known_commands
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, WARM_UP, cut
-from sealegs.gap.log.sidecar import robot_meant
 
 from testbed.bench import NOISE_FLOOR
 from tests.logged_robots import JOINTS, free_replay, nominal_error, two_link_run
