@@ -14,7 +14,7 @@ from .registry import entry
 
 STOPS = {"load.stop_angle": 1.0, "load.lower_stop": -1.0}
 """Numbers of a joint's stops, and on which side of it they are."""
-SOFTEST, HARDEST = 0.04, 20.0  # times the usual stiffness, between which that of a stop is sought
+STOP_STIFFNESS_RANGE = (0.04, 20.0)  # times the usual stiffness, between which that of a stop is sought
 
 
 def _stiffness(nominal: JointModel) -> Variant:
@@ -22,7 +22,9 @@ def _stiffness(nominal: JointModel) -> Variant:
     if nominal.axis.slide:
         return ()
     number, usual = "load.stop_stiffness", nominal.value("load.stop_stiffness")
-    hard = Parameter(number, "N.m/rad", SOFTEST * usual, HARDEST * usual, usual, 0.3, logarithmic=True, shape=True)
+    hard = Parameter(
+        number, "N.m/rad", *(share * usual for share in STOP_STIFFNESS_RANGE), usual, 0.3, logarithmic=True, shape=True
+    )
     return (hard,)
 
 
