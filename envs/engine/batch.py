@@ -152,7 +152,7 @@ class BatchEngine:
         if self._late >= longest:
             most = longest * model.opt.timestep
             raise SealegsError(f"action_delay is {action_delay:g} s; here it must be less than {most:g} s.")
-        self.watch: Callable[[], None] = _nobody  # called at each new goal, for films
+        self.watch: Callable[[], None] = lambda: None  # called at each new goal, for films
         self._command = np.zeros((num_envs, task.commands(np.zeros((1, task.draws))).shape[1]))
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self._use = ServoUse({name: self.chains[name] for name in names}, num_envs, self.dt, servo)
@@ -235,8 +235,7 @@ class BatchEngine:
         place_followers(self.drivetrain.model, self._followers, qpos)
         if self._loops is not None:
             before = self._motor(qpos)
-            for row in qpos:
-                self._loops.close(row)
+            self._loops.close_each(qpos)
             goals = goals + self._motor(qpos) - before
         if self._terrain is not None and self._base is not None:
             qpos[:, self._base[0] : self._base[0] + 3] += self.disturbances.place(chosen, self._terrain)
@@ -421,10 +420,6 @@ class BatchEngine:
             observation[:, at : at + width] = part[:, None] if part.ndim == 1 else part
             at += width
         return observation
-
-
-def _nobody() -> None:
-    """Nobody watches."""
 
 
 class _Generated:

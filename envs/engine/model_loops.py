@@ -51,6 +51,11 @@ class Loops:
         self._data.qpos[:] = qpos
         return float(np.abs(self._residual()[0]).max(initial=0.0))
 
+    def close_each(self, qpos: np.ndarray) -> None:
+        """Close the loops of many simulations (n, nq), in place."""
+        for row in qpos:
+            self.close(row)
+
     def close(self, qpos: np.ndarray) -> float:
         """Move joints in ``qpos`` (nq,), in place, so that all equalities hold, as little as can be.
 

@@ -22,9 +22,8 @@ def _stiffness(nominal: JointModel) -> Variant:
     if nominal.axis.slide:
         return ()
     number, usual = "load.stop_stiffness", nominal.value("load.stop_stiffness")
-    hard = Parameter(
-        number, "N.m/rad", *(share * usual for share in STOP_STIFFNESS_RANGE), usual, 0.3, logarithmic=True, shape=True
-    )
+    low, high = (share * usual for share in STOP_STIFFNESS_RANGE)
+    hard = Parameter(number, "N.m/rad", low, high, usual, 0.3, logarithmic=True, shape=True)
     return (hard,)
 
 
