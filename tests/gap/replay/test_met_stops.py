@@ -48,7 +48,7 @@ class Scripted:
             return np.stack(rows)[:, :, None]
 
         read = {"encoder.scale": 1.0, "encoder.offset": 0.0, "host.scale": 1.0, "host.offset": 0.0}
-        model = SimpleNamespace(by_torque=False, axis=SimpleNamespace(reach=1.0), value=read.__getitem__)
+        model = SimpleNamespace(command="goal", axis=SimpleNamespace(reach=1.0), value=read.__getitem__)
         fields: dict[str, Any] = {
             "models": (model,), "simulate": simulate, "time": TIME,
             "starts": np.linspace(0, len(TIME), self.runs + 1).astype(int),
