@@ -10,23 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from ..causes.cause import Cause, Variant
 from . import decide
 from .fit import middle
 from .record import Step
 from .result import Candidate, Round
+from .rounds import Rounds
 from .screen import screen
 from .state import Found, Judged
-
-if TYPE_CHECKING:
-    from .forward import Searcher
 
 NEVER = float("nan")  # promise of a screen that was not run
 
 
-def exchanged(searcher: Searcher, found: Found) -> bool:
+def exchanged(searcher: Rounds, found: Found) -> bool:
     """Ask of every cause that was not chosen beside all others.
 
     Returns:
@@ -37,7 +34,7 @@ def exchanged(searcher: Searcher, found: Found) -> bool:
     return any(_asked(searcher, found, place) for place in places)
 
 
-def _asked(searcher: Searcher, found: Found, place: int) -> bool:
+def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     """Ask of one cause; whether another stands in its place now, or none."""
     own = searcher.candidate(found.accepted[place].cause, found.accepted[place].variant, found.current)
     key, others = own.cause.key, [candidate for k, candidate in enumerate(found.accepted) if k != place]
@@ -69,7 +66,7 @@ def _asked(searcher: Searcher, found: Found, place: int) -> bool:
 
 
 def _tried(
-    searcher: Searcher,
+    searcher: Rounds,
     shown: Sequence[Cause],
     others: Sequence[Candidate],
     without: Judged,
@@ -84,7 +81,7 @@ def _tried(
     return [*(pair for pair in screened.chosen if pair[0].key in first), *before]
 
 
-def _put(searcher: Searcher, found: Found, place: int, first: Candidate | None, without: Judged) -> None:
+def _put(searcher: Rounds, found: Found, place: int, first: Candidate | None, without: Judged) -> None:
     """Put another cause, or none, in the place of one that is not tried again."""
     searcher.replaced.add(found.accepted[place].cause.key)
     found.current = without if first is None else searcher.of(first)

@@ -14,11 +14,12 @@ from sealegs.gap.causes.friction import RIPPLE_COUNTS
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.problem import Problem
 from sealegs.gap.search.fit import Fit
-from sealegs.gap.search.forward import Judged, Searcher
+from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.result import Candidate
 from sealegs.gap.search.rough import to_try
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.simpler import elaborates, visited
+from sealegs.gap.search.state import Judged
 
 from tests.gap.search.test_decisions import evidence
 from tests.smooth_bench import CHAIN

@@ -21,12 +21,12 @@ from sealegs.gap.replay.problem import converged
 from sealegs.gap.search.decide import Standing, decide
 from sealegs.gap.search.exchange import exchanged
 from sealegs.gap.search.fit import merge
-from sealegs.gap.search.forward import Judged, Searcher
+from sealegs.gap.search.forward import Searcher
 from sealegs.gap.search.record import RoundRecord
 from sealegs.gap.search.refit import refit
 from sealegs.gap.search.result import Candidate, Round
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
-from sealegs.gap.search.state import Found
+from sealegs.gap.search.state import Found, Judged
 
 from testbed import hidden_bench
 from testbed.bench import JOINT, NOISE_FLOOR
