@@ -102,7 +102,7 @@ class BatchEngine:
         robot = with_contacts(task.robot, task.sees)
         self.drivetrain = robot.drivetrain(actuator, params)
         self.chains = self.drivetrain.chains
-        check_position_goals(task.robot, self.chains, f"{type(task).__name__} gives", task.takes_speeds)
+        check_position_goals(task.robot, self.chains, "a task gives", task.takes_speeds)
         self.randomization = Randomization(
             self.drivetrain,
             randomization,

@@ -27,7 +27,8 @@ from sealegs.envs import known_id, registered_id
 from sealegs.envs.contract import KEY
 from sealegs.hw.run.policy import Policy
 
-from tests.agents.test_train import SMALL, SMALL_SAC
+from tests.agents.test_resumed_training import SMALL_SAC
+from tests.agents.training_runs import SMALL
 from tests.made_once import folder_made_once
 
 ROBOTS = Path(__file__).parents[1] / "robots"

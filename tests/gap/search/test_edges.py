@@ -76,7 +76,7 @@ def left(
     searcher.repeats = lambda count: Searcher.repeats(searcher, count)
     first = causes[names[0]]
     found = [made(first, first.variants[0], Judged(fits, np.ones(60), 1.0))]
-    return [c.cause.name for c in Searcher.simplest(searcher, found, (), set(taken))]
+    return [c.cause.name for c in Searcher.simplest(searcher, found, (), set(causes).difference(taken))]
 
 
 @pytest.mark.parametrize("velocity", [1.2, 3.0])
