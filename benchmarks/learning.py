@@ -132,7 +132,8 @@ def same_config(folder: Path, training: Sequence[str]) -> None:
     stored = yaml.safe_load((folder / "config.yaml").read_text())
     wanted = asked(training).as_dict()
     for key in sorted((stored.keys() | wanted.keys()) - {"seed", "video"}):
-        if stored.get(key) != wanted.get(key):
+        later = key not in stored and not wanted[key]  # than the run, and as it was then
+        if stored.get(key) != wanted.get(key) and not later:
             raise SealegsError(
                 f"{folder} was trained with {key}: {stored.get(key)}, but train.py {' '.join(training)} now means "
                 f"{wanted.get(key)}; move the folder away, and train again."

@@ -25,6 +25,8 @@ def on_wheels(robot: RobotFile) -> RobotFile:
     if any(joint.body == model.root for joint in model.joints.values()):
         return robot
     wheels = [joint.joint for joint in robot.joints if joint.by_speed and model.wheels.get(joint.joint, 0.0) > 0.0]
+    if len(wheels) < 2:
+        return robot
     compiled = bare_model(replace(robot, base="free"))
     data = mujoco.MjData(compiled)
     mujoco.mj_kinematics(compiled, data)

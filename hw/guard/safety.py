@@ -153,14 +153,14 @@ class Safety:
         """
         for k, joint in enumerate(self._robot.joints):
             if lasted[k] <= self.limits.following_time:
-                self._over.discard((name, k))
+                self._over.discard((text, k))
                 continue
             said = text.format(found[k], self.limits.following_time, limit[k], self._robot.units[k])
             fault = Fault(name, f"joint {joint.name} (servo {joint.address}) {said}.", (joint.address,))
             if (of or name) not in self.limits.log_only:
                 return fault
-            if (name, k) not in self._over:
-                self._over.add((name, k))
+            if (text, k) not in self._over:
+                self._over.add((text, k))
                 self.noted.append(fault)
         return None
 

@@ -80,9 +80,14 @@ def test_equal_seeds_move_alike_and_others_do_not(env_id: str) -> None:
     assert (first.reset(seed=5)[0] != again.reset(seed=4)[0]).any()
 
 
+def steady(env_id: str) -> str:
+    """A chain other than the robot's own; an ideal drive of the rover's light wheels asks for a shorter step."""
+    return "sts3215_wheel" if env_id == "SeaLegs/Drive-v0" else "ideal"
+
+
 @one_quick
 def test_an_environment_survives_pickling(env_id: str) -> None:
-    env = gym.make(env_id, actuator="ideal", start_noise=0.01).unwrapped
+    env = gym.make(env_id, actuator=steady(env_id), start_noise=0.01).unwrapped
     again = pickle.loads(pickle.dumps(env))
     assert type(again) is type(env)
     np.testing.assert_array_equal(few_steps(env, 1), few_steps(again, 1))
@@ -91,7 +96,7 @@ def test_an_environment_survives_pickling(env_id: str) -> None:
 @pytest.mark.long
 @every_environment
 def test_a_spec_written_down_makes_the_same_environment(env_id: str) -> None:
-    env = gym.make(env_id, actuator="ideal", start_noise=0.01)
+    env = gym.make(env_id, actuator=steady(env_id), start_noise=0.01)
     assert env.spec is not None
     again = gym.make(EnvSpec.from_json(env.spec.to_json()))
     np.testing.assert_array_equal(few_steps(env, 2), few_steps(again, 2))
