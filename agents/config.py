@@ -17,8 +17,8 @@ from ..configs.compose import compose, override, split
 _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video", "wandb")
 _NAMED = ("resume", "env", "trust")  # which run, the file of its task, and whether its pickles may be loaded
 _WORDS = (
-    *("actuator", "env", "extended", "from", "hyperparams", "name", "out", "randomization", "resume", "robot", "wandb"),
-)
+    "actuator", "env", "extended", "from", "hyperparams", "name", "out", "randomization", "resume", "robot", "wandb",
+)  # fmt: skip
 _MODEL = ("actuator", "extended", "randomization")  # one of them given, none of an earlier run's counts
 
 

@@ -18,7 +18,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from ..common.atomic import folder_written, write_text
-from ..common.documents import DocumentError, read_json, read_yaml
+from ..common.documents import DocumentError, read_json, read_mapping
 from ..common.errors import SealegsError
 from ..envs.engine.batch import BatchEngine
 from .jax_models import is_jax
@@ -41,12 +41,9 @@ def stored_config(folder: Path) -> dict[str, Any]:
             f"from={folder} holds no {CONFIG}, nor does the folder above it: give a run, or its best/ or final/."
         )
     try:
-        document = read_yaml(file)
+        return read_mapping(file)
     except DocumentError as error:
         raise SealegsError(f"{file} {error.problem}.") from error
-    if not isinstance(document, dict):
-        raise SealegsError(f"{file} holds no mapping.")
-    return document
 
 
 def take_over(folder: Path, model: BaseAlgorithm, engine: BatchEngine) -> None:

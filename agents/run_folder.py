@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from ..common.atomic import finish_replacements, folder_written, write_text
-from ..common.documents import DocumentError, read_json, read_yaml
+from ..common.documents import DocumentError, read_json, read_mapping
 from ..common.errors import SealegsError
 from ..common.fresh_names import fresh
 
@@ -116,12 +116,9 @@ class RunFolder:
         """
         file = self.path / name
         try:
-            document = read_yaml(file)
+            return read_mapping(file)
         except DocumentError as error:
             raise SealegsError(f"{file}, which the run needs to go on, {error.problem}.") from error
-        if not isinstance(document, dict):
-            raise SealegsError(f"{file}, which the run needs to go on, holds no mapping.")
-        return document
 
     def write_text(self, name: str, text: str) -> None:
         """Write a file as a whole or not at all."""

@@ -30,7 +30,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 import yaml
 from scipy import stats
-from sealegs.agents.config import TrainConfig, read_config
+from sealegs.agents.config import TrainConfig, read_config, train_config
 from sealegs.agents.policy_files import policy_step
 from sealegs.agents.seeds import Curve, read_curve
 from sealegs.common.errors import SealegsError
@@ -129,11 +129,10 @@ def same_config(folder: Path, training: Sequence[str]) -> None:
     Raises:
         SealegsError: it does not; the sentence names the first key that differs.
     """
-    stored = yaml.safe_load((folder / "config.yaml").read_text())
+    stored = train_config(yaml.safe_load((folder / "config.yaml").read_text())).as_dict()
     wanted = asked(training).as_dict()
     for key in sorted((stored.keys() | wanted.keys()) - {"seed", "video"}):
-        later = key not in stored and not wanted[key]  # than the run, and as it was then
-        if stored.get(key) != wanted.get(key) and not later:
+        if stored.get(key) != wanted.get(key):
             raise SealegsError(
                 f"{folder} was trained with {key}: {stored.get(key)}, but train.py {' '.join(training)} now means "
                 f"{wanted.get(key)}; move the folder away, and train again."

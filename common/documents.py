@@ -139,6 +139,18 @@ def read_yaml(path: str | Path, name: object = None) -> Any:
     return parse_yaml(read_text(path, YAML_SIZE, name), path if name is None else name)
 
 
+def read_mapping(path: str | Path) -> dict[str, Any]:
+    """The mapping that a YAML file holds.
+
+    Raises:
+        DocumentError: as of :func:`read_yaml`, or it holds something else.
+    """
+    document = read_yaml(path)
+    if not isinstance(document, dict):
+        raise DocumentError(path, "holds no mapping")
+    return document
+
+
 def parse_yaml(text: str, name: object = "the text") -> Any:
     """What a YAML text holds; see :func:`read_yaml`."""
     if len(text) > YAML_SIZE:

@@ -14,9 +14,9 @@ from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from ..engine.model_poses import stand
 from ..engine.robot import Robot
-from ..engine.task import Motion, drawn, option
+from ..engine.task import Motion, option
 from ..robots import get_robot
-from .task import AnyRobotTask, Numbers
+from .task import Commanded, Numbers
 
 COMMANDS = ("forward [m/s]", "turn [rad/s]")
 AXES = ("x", "y", "z")
@@ -79,7 +79,7 @@ def rolling(robot: Robot) -> Rolling:
 
 
 @dataclass(frozen=True)
-class DriveTask(AnyRobotTask):
+class DriveTask(Commanded):
     """The options of :class:`sealegs.envs.any_robot.env.DriveEnv`."""
 
     forward: float | Sequence[float] = option((-0.2, 0.3), "commanded speed, or from which to which", "m/s")
@@ -103,9 +103,7 @@ class DriveTask(AnyRobotTask):
     rolls: ClassVar[Rolling]
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "turn_tolerance"):
-            if not getattr(self, name) > 0.0:  # errors count as shares of it
-                raise SealegsError(f"{name} is {getattr(self, name):g}; it must be above 0.")
+        super().__post_init__()
         type(self).rolling_of()
 
     @classmethod
@@ -127,11 +125,6 @@ class DriveTask(AnyRobotTask):
 
     def asked_names(self) -> tuple[str, ...]:
         return COMMANDS
-
-    def commands(self, random: np.ndarray) -> np.ndarray:
-        draws = random[:, -self.per_robot :]
-        asked = np.stack([drawn(getattr(self, name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)
-        return np.where(draws[:, -1:] < self.stand_share, 0.0, asked)
 
     def place(
         self, drivetrain: Drivetrain, numbers: Numbers, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray

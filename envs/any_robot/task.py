@@ -11,10 +11,11 @@ from typing import Any, ClassVar, Self, cast
 import numpy as np
 
 from ...actuators import Drivetrain
+from ...common.errors import SealegsError
 from ..bench.robot import BENCH
 from ..engine.model_poses import stand
 from ..engine.robot import Robot
-from ..engine.task import Motion, Task, option
+from ..engine.task import Motion, Task, drawn, option
 from ..robots import get_robot
 
 
@@ -133,6 +134,29 @@ class AnyRobotTask(Task):
 
     def failed(self, motion: Motion) -> np.ndarray:
         return np.zeros(len(motion.action), dtype=bool)
+
+
+class Commanded(AnyRobotTask):
+    """A task that is told where to go: a command is uniform in its ranges, or 0 in a share of the episodes.
+
+    Attributes:
+        scales: names of numbers that errors count as shares of.
+    """
+
+    stand_share: float
+    scales: ClassVar[tuple[str, ...]] = ("tolerance", "turn_tolerance")
+
+    def __post_init__(self) -> None:
+        for name in self.scales:
+            if not getattr(self, name) > 0.0:
+                raise SealegsError(f"{name} is {getattr(self, name):g}; it must be above 0.")
+        if self.command_interval < 0.0:
+            raise SealegsError(f"command_interval is {self.command_interval:g} s; it must be above 0, or 0 for none.")
+
+    def commands(self, random: np.ndarray) -> np.ndarray:
+        draws = random[:, -self.per_robot :]
+        asked = np.stack([drawn(getattr(self, name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)
+        return np.where(draws[:, -1:] < self.stand_share, 0.0, asked)
 
 
 def columns(parts: Sequence[np.ndarray]) -> np.ndarray:

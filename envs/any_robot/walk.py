@@ -10,12 +10,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ...actuators import Drivetrain
-from ...common.errors import SealegsError
 from ..engine.robot import Robot
-from ..engine.task import Motion, drawn, option
+from ..engine.task import Motion, option
 from ..robots import get_robot
 from .stand import Standing, standing
-from .task import AnyRobotTask, Numbers
+from .task import Commanded, Numbers
 
 COMMANDS = ("forward [m/s]", "sideways [m/s]", "turn [rad/s]")
 SLOW = 0.05  # [m/s] of a foot over the body, from which on the reference gait lifts it fully; assumed
@@ -25,7 +24,7 @@ AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
-class WalkTask(AnyRobotTask):
+class WalkTask(Commanded):
     """The options of :class:`sealegs.envs.any_robot.env.WalkEnv`."""
 
     forward: float | Sequence[float] = option((-0.2, 0.3), "commanded speed, or from which to which", "m/s")
@@ -57,17 +56,14 @@ class WalkTask(AnyRobotTask):
 
     robot = get_robot("quadruped")
     ranges = ("forward", "sideways", "turn")
+    scales = ("tolerance", "turn_tolerance", "lift")
     per_joint = 1
     per_robot = len(COMMANDS) + 1
     sees = ("ground", "bodies")
     stance: ClassVar[Standing]
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "turn_tolerance", "lift"):
-            if not getattr(self, name) > 0.0:  # errors count as shares of it
-                raise SealegsError(f"{name} is {getattr(self, name):g}; it must be above 0.")
-        if self.command_interval < 0.0:
-            raise SealegsError(f"command_interval is {self.command_interval:g} s; it must be above 0, or 0 for none.")
+        super().__post_init__()
         type(self).standing_of()
 
     @classmethod
@@ -91,11 +87,6 @@ class WalkTask(AnyRobotTask):
 
     def asked_names(self) -> tuple[str, ...]:
         return COMMANDS
-
-    def commands(self, random: np.ndarray) -> np.ndarray:
-        draws = random[:, -self.per_robot :]
-        asked = np.stack([drawn(getattr(self, name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)
-        return np.where(draws[:, -1:] < self.stand_share, 0.0, asked)
 
     def place(
         self, drivetrain: Drivetrain, numbers: Numbers, random: np.ndarray, qpos: np.ndarray, qvel: np.ndarray

@@ -30,7 +30,7 @@ def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str, 
             f"robot '{robot.name}': {', '.join(turning)} {'are' if len(turning) > 1 else 'is'} told speeds, and "
             f"{there} position goals; robots on wheels drive with env=drive, or a task of your own that takes_speeds."
         )
-    driven = torque_driven({name: chain.to_list() for name, chain in chains.items()})
+    driven = [name for name, chain in chains.items() if chain.command == "torque_command"]
     if not driven:
         return
     force = "force [N]" if robot.unit(driven[0]) == "m" else "torque [N.m]"

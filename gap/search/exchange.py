@@ -48,8 +48,7 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
         tried = _tried(searcher, shown, others, without, found.rounds[at].candidates)
         fitted += searcher.fitted(tried, others, without, begin, instead=own)
     record, without = searcher.recorded(others, fitted, without, begin, NEVER, instead=own)
-    ranked = searcher.ranked(record, fitted)
-    order = decide.standings(record, searcher.settings, searcher.seed)
+    order, ranked = searcher.standings(record, fitted)
     chosen = decide.in_place(record, order, key, searcher.settings)
     found.steps.append(Step(record, chosen, place))
     first = next((candidate for candidate in ranked if candidate.cause.key == chosen), None)
@@ -59,6 +58,8 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     if first is not None and chosen == key:
         found.accepted[place] = first
         return False
+    if first is None:
+        del found.rounds[at]
     _put(searcher, found, place, first, without)
     said = "nothing" if first is None else first.cause.key
     searcher.progress(f"beside the others, {said} stands in the place of {key}")
@@ -85,11 +86,7 @@ def _put(searcher: Rounds, found: Found, place: int, first: Candidate | None, wi
     """Put another cause, or none, in the place of one that is not tried again."""
     searcher.replaced.add(found.accepted[place].cause.key)
     found.current = without if first is None else searcher.of(first)
-    if first is None:
-        rounds = [k for k, step in enumerate(found.rounds) if step.accepted]
-        del found.accepted[place], found.rounds[rounds[place]]
-    else:
-        found.accepted[place] = first
+    found.accepted[place : place + 1] = [] if first is None else [first]
     found.settled = "" if first is None else first.cause.key
     found.rounds[:] = [step for step in found.rounds if step.accepted]
     blocks, sampled, fits = found.current.blocks, found.current.sampled, found.current.fits

@@ -66,8 +66,7 @@ class Searcher(Rounds):
         if over:
             return False
         worth = decide.promising(begin, promise, self.settings)
-        candidates = self.ranked(record, fitted) if worth else []
-        order = decide.standings(record, self.settings, self.seed) if worth else []
+        order, candidates = self.standings(record, fitted) if worth else ([], [])
         pays = decide.one_pays(record, order, self.settings, further=bool(accepted))
         rounds.append(Round(record.before, tuple(candidates), pays, begin))
         if not pays:

@@ -14,7 +14,6 @@ from .settings import SearchSettings
 def to_try(
     chosen: Sequence[tuple[Cause, Variant]],
     shown: Sequence[Cause],
-    taken: Collection[str],
     numbers: Collection[str],
     *,
     blind: bool,
@@ -28,7 +27,6 @@ def to_try(
     Args:
         chosen: by the screen, the best first.
         shown: causes that the data can show.
-        taken: keys of those that are not to be tried.
         numbers: that tuning turns.
         blind: whether the model is so far.
     """
@@ -36,14 +34,14 @@ def to_try(
     for cause in dict.fromkeys(cause for cause, _ in chosen):
         if not any(variant == cause.variants[0] for other, variant in chosen if other is cause):
             every.append((cause, cause.variants[0]))
-    known = {*taken, *(cause.key for cause, _ in chosen)}
+    known = {cause.key for cause, _ in chosen}
     every += [(cause, cause.variants[0]) for cause in shown if cause.seen and cause.key not in known]
     for cause in shown:
         wrong = cause.error and cause.variants[0][0].number in numbers
         if wrong and cause.key not in known:
             every.append((cause, cause.variants[0]))
     if blind:
-        left = [cause for cause in shown if not cause.seen and cause.key not in taken]
+        left = [cause for cause in shown if not cause.seen]
         every += [(cause, form) for cause in left for form in cause.forms if (cause, form) not in every]
     return every
 

@@ -192,8 +192,7 @@ class Rounds:
         screened = screen(self.sketch, shown, extended, here, self.settings)
         if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
-        taken = {cause.key for cause in self.shown}.difference(cause.key for cause in shown)
-        chosen = to_try(screened.chosen, shown, taken, self.numbers, blind=left > self.settings.far)
+        chosen = to_try(screened.chosen, shown, self.numbers, blind=left > self.settings.far)
         return self.fitted(chosen, accepted, current, left), screened.promise
 
     def fitted(
@@ -359,9 +358,9 @@ class Rounds:
         )
         return record, current
 
-    def ranked(self, record: RoundRecord, fitted: Sequence[Candidate]) -> list[Candidate]:
-        """The best variant of each cause, best first."""
-        return [
-            replace(fitted[s.index], better=s.better, best=s.best, gain=s.gain)
-            for s in decide.standings(record, self.settings, self.seed)
-        ]
+    def standings(
+        self, record: RoundRecord, fitted: Sequence[Candidate]
+    ) -> tuple[list[decide.Standing], list[Candidate]]:
+        """How the best variants of causes stand in a round, best first, and the same as candidates."""
+        order = decide.standings(record, self.settings, self.seed)
+        return order, [replace(fitted[s.index], better=s.better, best=s.best, gain=s.gain) for s in order]

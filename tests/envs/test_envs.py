@@ -81,7 +81,7 @@ def test_equal_seeds_move_alike_and_others_do_not(env_id: str) -> None:
 
 
 def steady(env_id: str) -> str:
-    """A chain other than the robot's own; an ideal drive of the rover's light wheels asks for a shorter step."""
+    """The ideal servo, which is told positions; of a robot on wheels, whose task tells speeds, its own chain."""
     return "sts3215_wheel" if env_id == "SeaLegs/Drive-v0" else "ideal"
 
 

@@ -26,7 +26,6 @@ from sealegs.papers.published import Row
 
 from tests.typed import typed
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 IMPACT, ENERGY = validation.Impact(1.0, 2.0), validation.Energy(4.0, 16.0)
 
 

@@ -34,7 +34,6 @@ from sealegs.papers.biped.rig import leg_load, leg_record
 
 from testbed import biped_drive as plant
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 IMPACT, ENERGY = validation.Impact(1.0, 2.0), validation.Energy(4.0, 16.0)
 MOTOR = {"constant": 1.21, "inertia": 1.05e-3, "friction": 8e-3, "bias": -0.06}
 
