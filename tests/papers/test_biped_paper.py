@@ -212,11 +212,6 @@ def test_pulley_inertias_follow_from_the_printed_tables_and_grow() -> None:
 # --- hopping ----------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def hopping() -> Hopping:
-    return HoppingExperiment().run(92)
-
-
 def test_a_pulley_of_table_three_is_below_zero_on_one_side_and_its_mean_hides_it() -> None:
     sides = [tables.pulley_inertia(f"{side}_leg_shape", 0) for side in ("left", "right")]
     assert sides[0] > 0.0 > sides[1] and np.mean(sides) == pytest.approx(PULLEYS[SHAPE][0]) and PULLEYS[SHAPE][0] > 0.0
