@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -186,7 +187,7 @@ class Session:
         project, path = self.config.wandb, self.run.path
         others = () if project is None else (WandbOutput(project, path, self.config.as_dict()),)
         self.model.set_logger(tensorboard_logger(path / "tensorboard", self.from_step, *others))
-        with StopSignals() as signals:
+        with closing(self.model.logger), StopSignals() as signals:
             try:
                 if self.from_step < self.config.total_timesteps:
                     self._learn(signals)
@@ -197,7 +198,6 @@ class Session:
                 self._finish()
             except KeyboardInterrupt as stop:
                 raise Interrupted(self._how_to_resume("Stopped at once")) from stop
-        self.model.logger.close()
         self._say_where()
 
     def _learn(self, signals: StopSignals) -> None:
