@@ -9,12 +9,15 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.gaps import GAP_PERIODS, gaps
 from ..log.parts import WARM_UP
-from ..log.types import MeasuredRun
+from ..log.types import Array, MeasuredRun
+from .context import JointContext
+from .signal import derivatives
 
 IRREGULAR_PERIOD_SPREAD = 0.15
 """Spread of the sample period, relative to its median, from which a clock is called irregular."""
 STAMP_ERROR_SHARE = 0.03
 """Step or jitter of time stamps, relative to the period, from which they disturb derivatives."""
+REGULAR_CLOCK_NOISE_RATIO = 0.7  # of the noise at speed that a regular clock must leave
 
 
 def check_clock(run: MeasuredRun) -> Iterator[Finding]:
@@ -63,3 +66,44 @@ def time_stamp_step(time: np.ndarray) -> float:
         if np.allclose(since / step, np.round(since / step), rtol=0.0, atol=1e-3):
             return step
     return 0.0
+
+
+def check_stamps(joint: JointContext) -> Iterator[Finding]:
+    """Yield whether the time stamps of a run jitter more than its readings, judged by a joint that moves."""
+    if joint.still or len(joint.time) < 400:
+        return
+    grid = regular(joint.time)
+    if grid is None:
+        return
+    late = joint.time - grid
+    jitter = float(np.std(late))
+    if jitter < STAMP_ERROR_SHARE * joint.period:
+        return
+    fast = np.abs(joint.velocity) > np.quantile(np.abs(joint.velocity), 0.8)
+    if fast.sum() < 200:
+        return
+    stamped, even = (_roughness(time, joint.log.position, fast) for time in (joint.time, grid))
+    if even < REGULAR_CLOCK_NOISE_RATIO * stamped:
+        yield Finding(
+            "clock.late_stamps", "warning", None, "time",
+            f"Time stamps jitter by {1e3 * jitter:.2g} ms (up to {1e3 * np.ptp(late):.2g} ms late), the readings do "
+            f"not: on a regular clock the position is {stamped / even:.2g} times smoother in motion; stamp a row when "
+            "it is read.",
+            value=jitter, data_error=True,
+        )  # fmt: skip
+
+
+def regular(time: Array) -> Array | None:
+    """The regular clock (n,) whose ticks the stamps follow, the earliest of them on time; None where rows are lost."""
+    at = np.arange(len(time))
+    slope, start = np.polyfit(at, time, 1)
+    grid = start + slope * at
+    if np.ptp(time - grid) > 1.5 * slope:
+        return None
+    return grid + float(np.quantile(time - grid, 0.02))
+
+
+def _roughness(time: Array, position: Array, keep: np.ndarray) -> float:
+    """Rms of what a local cubic cannot follow at some samples [rad]."""
+    smooth = derivatives(time, position, 9 * float(np.median(np.diff(time))))[0]
+    return float(np.sqrt(np.mean((position - smooth)[keep] ** 2)))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,14 +11,11 @@ from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
 from .motion import DEGREES_PER_RADIAN
-from .signal import Lag, derivatives, fit_lag, quantisation_step
+from .signal import MIN_SAMPLES, Lag, derivatives, fit_lag, quantisation_step, same_unit
 
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
 """Smallest delay of a column that is worth a word [s]."""
-ANOTHER_UNIT_RATIO = math.sqrt(2.0 * math.pi)
-"""Ratio beyond which a column is not badly calibrated but in another unit, or of something else: half way, as a factor,
-to the nearest other unit, a turn."""
 STUCK_SECONDS = 0.5
 KNOWN_RATIOS = {
     "degrees per second": DEGREES_PER_RADIAN,
@@ -35,10 +31,6 @@ def check_columns(joint: JointContext) -> Iterator[Finding]:
         yield from _velocity(joint, joint.log.velocity)
     if joint.log.goal_velocity is not None and joint.log.goal is not None and joint.natural:
         yield from _goal_velocity(joint, joint.log.goal, joint.log.goal_velocity)
-    for signal in ("current", "torque"):
-        values = getattr(joint.log, signal)
-        if values is not None:
-            yield from _unsigned(joint, signal, values)
     if joint.log.voltage is not None and joint.log.duty is not None:
         yield from _voltage(joint, joint.log.voltage, joint.log.duty)
 
@@ -133,14 +125,14 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
     if (unit := _unit_by(scale)) is not None:
         yield _in_unit(joint, "velocity", "position", unit, scale)
         return
-    if scale < -0.3:
+    if same_unit(-scale):
         yield Finding(
             "velocity.sign", "error", joint.name, name,
             f"{name} has the wrong sign: it is {scale:.3g} times the derivative of the position.",
             value=scale, data_error=True,
         )  # fmt: skip
         return
-    if scale > ANOTHER_UNIT_RATIO or scale < 1.0 / ANOTHER_UNIT_RATIO:
+    if not same_unit(scale):
         yield Finding(
             "velocity.gear_side", "error", joint.name, name,
             f"{name} is {scale:.4g} times the derivative of the position: it belongs to the other side of a gear or to "
@@ -180,7 +172,7 @@ def _goal_velocity(joint: JointContext, goal: Array, velocity: Array) -> Iterato
     scale, name = float(lag.coefficients[0]) / np.sqrt(lag.r2), joint.column("goal_velocity")
     if scale > 0.0 and (unit := _unit_by(scale)) is not None:
         yield _in_unit(joint, "goal_velocity", "goal", unit, scale)
-    elif scale > ANOTHER_UNIT_RATIO or scale < 1.0 / ANOTHER_UNIT_RATIO:
+    elif not same_unit(scale):
         yield Finding(
             "goal_velocity.scale", "warning", joint.name, name,
             f"{name} is {scale:.4g} times the derivative of the goal; it stays, as what the drive was told. If it is "
@@ -213,22 +205,37 @@ def _beside_derivative(joint: JointContext, velocity: Array, angle: Array) -> La
     return None if lag is None or lag.r2 < 0.9 else lag
 
 
-def _unsigned(joint: JointContext, signal: str, values: Array) -> Iterator[Finding]:
-    known = values[np.isfinite(values)]
-    if len(known) < 100 or np.ptp(known) == 0.0 or known.min() < 0.0:
-        return
-    drive = joint.log.duty
-    if drive is None and joint.log.torque_command is not None:
-        drive = joint.log.torque_command  # which may hold a load on one side throughout
-    if drive is None:
-        drive = joint.velocity if joint.log.goal is None else joint.log.goal - joint.log.position
-    if _goes_both_ways(drive[joint.moving]) and _goes_both_ways(joint.velocity[joint.moving]):
-        yield Finding(
-            f"{signal}.unsigned", "warning", joint.name, joint.column(signal),
-            f"{joint.column(signal)} is never negative although the drive pushes both ways: it is a magnitude without "
-            "its sign.",
-            value=float(known.min()), data_error=True,
-        )  # fmt: skip
+def check_unsigned(joints: Sequence[JointContext], run: str | None) -> Iterator[Finding]:
+    """Yield the columns of one joint that are magnitudes without a sign in all of its runs.
+
+    In one run, a load may hold a current on one side.
+    """
+    joints = [joint for joint in joints if not joint.still]
+    for signal in ("current", "torque"):
+        those = [joint for joint in joints if getattr(joint.log, signal) is not None]
+        values = np.concatenate([np.zeros(0), *(getattr(joint.log, signal) for joint in those)])
+        known = values[np.isfinite(values)]
+        if len(known) < MIN_SAMPLES or np.ptp(known) == 0.0 or known.min() < 0.0:
+            continue
+        moving = np.concatenate([joint.moving for joint in those])
+        pushes, speeds = (np.concatenate(part) for part in ([*map(_push, those)], [joint.velocity for joint in those]))
+        if _goes_both_ways(pushes[moving]) and _goes_both_ways(speeds[moving]):
+            joint = those[0]
+            yield Finding(
+                f"{signal}.unsigned", "warning", joint.name, joint.column(signal),
+                f"{joint.column(signal)} is never negative although the drive pushes both ways: it is a magnitude "
+                "without its sign.",
+                value=float(known.min()), data_error=True, run=run,
+            )  # fmt: skip
+
+
+def _push(joint: JointContext) -> Array:
+    """Which way the drive pushes (n,), whatever its size."""
+    if joint.log.duty is not None:
+        return joint.log.duty
+    if joint.log.torque_command is not None:
+        return joint.log.torque_command  # which may hold a load on one side throughout
+    return joint.velocity if joint.log.goal is None else joint.log.goal - joint.log.position
 
 
 def _goes_both_ways(values: Array) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -10,15 +9,13 @@ import numpy as np
 
 from ..log.finding import Finding
 from ..log.types import LogError, MeasuredRun, MeasuredSet
-from .clock import check_clock
-from .columns import check_columns
+from .clock import check_clock, check_stamps
+from .columns import check_columns, check_unsigned
 from .context import JointContext, joint_contexts
-from .correction import mendable, mended, told
 from .drive import check_drive
-from .goals import check_goal
-from .machine import decided
+from .faults import FAULTS, SET_ASIDE, decided, mendable, mended, told
 from .motion import check_motion
-from .recording import check_recording, check_stamps
+from .recording import check_goal, check_recording
 from .signal import sample_noise
 from .torque import check_torque
 
@@ -27,63 +24,26 @@ __all__ = ["Finding", "check_run", "check_set", "corrected", "merged", "noise_fl
 
 def check_run(run: MeasuredRun) -> list[Finding]:
     """Return what is wrong with, or worth knowing about, one run; an empty list for a clean one."""
-    findings = _without_torque(run)
-    for joint in joint_contexts(run):
-        findings += check_torque([joint], run.name)
-    return findings
+    return _of_runs([run])
 
 
 def check_set(data: MeasuredSet) -> list[Finding]:
-    """Return the findings of every run and those across runs; torque columns are judged over all runs together."""
-    findings = [finding for run in data.runs for finding in _without_torque(run)]
-    contexts = [joint_contexts(run) for run in data.runs]
-    names_of_runs = [run.name for run in data.runs]
-    only = names_of_runs[0] if len(names_of_runs) == 1 else None
-    names = dict.fromkeys(joint.name for joints in contexts for joint in joints)
-    for name in names:
+    """Return the findings of every run and those across runs; torques and magnitudes are judged over all of them."""
+    return [*_of_runs(data.runs), *_across(data)]
+
+
+def _of_runs(runs: Sequence[MeasuredRun]) -> list[Finding]:
+    contexts = [joint_contexts(run) for run in runs]
+    findings = [finding for run, joints in zip(runs, contexts, strict=True) for finding in _of_run(run, joints)]
+    only = runs[0].name if len(runs) == 1 else None
+    for name in dict.fromkeys(joint.name for joints in contexts for joint in joints):
         same = [joint for joints in contexts for joint in joints if joint.name == name]
-        findings += check_torque(same, only)
-    return _without_unit_of_magnitudes(_magnitudes(findings, data)) + list(_across(data))
+        findings += [*check_torque(same, only), *check_unsigned(same, only)]
+    return findings
 
 
-def _magnitudes(findings: list[Finding], data: MeasuredSet) -> list[Finding]:
-    """Findings less those of an unsigned column that is negative in another run: there a load pushed one way."""
-    return [
-        finding
-        for finding in findings
-        if finding.code not in UNSIGNED or not any(_negative(run, finding.joint, finding.code) for run in data.runs)
-    ]
-
-
-def _negative(run: MeasuredRun, joint: str | None, code: str) -> bool:
-    """Whether the column that such a finding is of goes below zero in a run."""
-    log = run.joints.get(joint or "")
-    values = None if log is None else getattr(log, code.partition(".")[0])
-    return values is not None and bool(np.any(values < 0.0))
-
-
-def _without_unit_of_magnitudes(findings: list[Finding]) -> list[Finding]:
-    """Findings less the unit and sign of a current that is unsigned in any run: a magnitude has neither.
-
-    Where a run pushes one way only, a magnitude looks like a current of another scale.
-    """
-    unsigned = {(finding.joint, finding.column) for finding in findings if finding.code in UNSIGNED}
-    return [
-        finding
-        for finding in findings
-        if finding.code not in ("unit.current", "current.sign") or (finding.joint, finding.column) not in unsigned
-    ]
-
-
-MENDED_FIRST = (
-    *("goal.wrap", "position.wrap", "link_position.wrap", "unit.millimetres", "unit.degrees", "position.sign"),
-    *("clock.late_stamps", "column.held", "column.behind", "goal.interpolated"),
-)
-"""Errors that make others appear, one after the other."""
 UNKNOWN_UNIT = frozenset(("unit.ticks", "unit.length"))
 """Findings of a position of which the checks of other columns would say something wrong."""
-UNSIGNED = ("current.unsigned",)
-"""Findings of one run that hold for all of a machine: its register has no sign."""
 
 
 def corrected(
@@ -94,12 +54,13 @@ def corrected(
     A run is checked again after it was mended, since a column in degrees makes others look wrong. What mending did not
     cure (``done``) is told and left.
     """
-    findings = together(decided(_without_unit_of_magnitudes(findings), data))
+    findings = decided(findings, data)
     faults = [finding for finding in findings if mendable(finding) and _where(finding) not in done]
     if not faults:
         return data, findings
-    staged = ([finding for finding in faults if finding.code == code] for code in MENDED_FIRST)
-    now = next((stage for stage in staged if stage), faults)
+    first = min((finding.code for finding in faults), key=list(FAULTS).index)
+    aside = FAULTS[first] is SET_ASIDE  # which changes no other column
+    now = [f for f in faults if f.code == first or (aside and FAULTS[f.code] is SET_ASIDE)]
     runs = tuple(mended(run, _once([f for f in now if _concerns(f, run)])) for run in data.runs)
     data = replace(data, runs=runs)
     rest = [finding for finding in data.findings if not mendable(finding)]
@@ -109,7 +70,7 @@ def corrected(
 
 def _concerns(finding: Finding, run: MeasuredRun) -> bool:
     """Whether a finding holds for a run: it is of the run, of the file that the run is a window of, or of all."""
-    return finding.code in UNSIGNED or finding.run in (run.name, _file(run.name), None)
+    return finding.run in (run.name, _file(run.name), None)
 
 
 def _file(run: str) -> str:
@@ -197,9 +158,9 @@ def unusable(findings: list[Finding], data: MeasuredSet) -> Finding | None:
     )
 
 
-def _without_torque(run: MeasuredRun) -> list[Finding]:
+def _of_run(run: MeasuredRun, joints: Sequence[JointContext]) -> list[Finding]:
     findings = list(check_clock(run))
-    for joint in joint_contexts(run):
+    for joint in joints:
         of_motion = list(check_motion(joint))
         findings += of_motion
         if not joint.still and UNKNOWN_UNIT.isdisjoint(finding.code for finding in of_motion):
@@ -208,7 +169,7 @@ def _without_torque(run: MeasuredRun) -> list[Finding]:
             findings += check_goal(joint)
             if not any(finding.severity == "error" for finding in of_motion):
                 findings += check_recording(joint)
-    fastest = max(joint_contexts(run), key=lambda joint: joint.span / max(joint.noise, 1e-12))
+    fastest = max(joints, key=lambda joint: joint.span / max(joint.noise, 1e-12))
     if not any(finding.severity == "error" for finding in findings):
         findings += check_stamps(fastest)
     return [replace(finding, run=run.name) for finding in findings]
@@ -236,39 +197,3 @@ def _across(data: MeasuredSet) -> Iterator[Finding]:
                     "nothing; remove one.",
                     data_error=True, run=run.name,
                 )  # fmt: skip
-
-
-VELOCITY_RATIOS = ("unit.velocity", "velocity.gear_side")
-TORQUE_RATIO = "torque.gear_side"
-SAME_RATIO_TOLERANCE = 0.08
-"""Relative difference up to which two ratios may be one: of a scale with some percent of error each."""
-
-
-def together(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings of which those on one gear say so: both readings are told where both fit."""
-    torques = {f.joint: f for f in findings if f.code == TORQUE_RATIO and f.value}
-    measured = (f for f in findings if f.code in VELOCITY_RATIOS and not (f.column or "").endswith(".goal_velocity"))
-    speeds = {f.joint: f for f in measured if f.value}
-    found = []
-    for finding in findings:
-        torque, speed = torques.get(finding.joint), speeds.get(finding.joint)
-        if torque is None or speed is None or finding not in (torque, speed) or not _one_gear(torque, speed):
-            found.append(finding)
-            continue
-        gear = _size(torque)
-        if finding is torque:
-            said = f"The velocity of the same log has a ratio of {_size(speed):.3g} as well: one gear would make both."
-        else:
-            what = "the unit is one reading, the" if finding.code == "unit.velocity" else "the"
-            said = f"The torque of the same log has a ratio of {gear:.3g} as well: {what} other side of a gear another."
-        found.append(replace(finding, sentence=f"{finding.sentence} {said}"))
-    return found
-
-
-def _size(finding: Finding) -> float:
-    value = abs(finding.value or 1.0)
-    return max(value, 1.0 / value)
-
-
-def _one_gear(torque: Finding, speed: Finding) -> bool:
-    return abs(math.log(_size(torque) / _size(speed))) < SAME_RATIO_TOLERANCE

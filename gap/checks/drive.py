@@ -1,16 +1,23 @@
-"""Checks of duty, current, voltage and temperature against what the chain of the joint can do: another unit shows."""
+"""Checks of the drive: columns in another unit than its chain can have, and stretches in which it looks switched off.
+
+A drive that is on answers an error of position. Where the duty stays at zero while the goal is further away than where
+the same machine works elsewhere, the motor was released. Replayed as if it were on, such a stretch is hundreds of mrad
+of error that no cause of the drive explains.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...actuators.chain import Chain
 from ..log.finding import Finding
-from ..log.types import Array
-from .context import JointContext
-from .signal import MIN_EXPLAINED_SHARE
+from ..log.parts import stretches
+from ..log.types import Array, MeasuredSet
+from .context import JointContext, joint_contexts
+from .signal import MIN_EXPLAINED_SHARE, same_unit
 
 COLUMN_UNITS: dict[str, dict[str, float]] = {
     "duty": {"percent": 100.0, "counts of 885": 885.0, "per mille": 1000.0, "counts of 1023": 1023.0},
@@ -18,10 +25,13 @@ COLUMN_UNITS: dict[str, dict[str, float]] = {
     "voltage": {"tenths of a volt": 10.0, "millivolts": 1000.0},
 }
 """How many times too large a column is in another unit."""
-CHAIN_RATIO_RANGE = (0.3, 3.0)
-"""Ratio of a column to what the chain says that a wrong number of the chain may make."""
 KELVIN_TEMPERATURE = 200.0
 """Temperature that no running motor has in degC."""
+
+MIN_OFF_SECONDS = 0.3  # [s] a drive that is on may do nothing for a while: a dead band, a reversal
+NO_EFFORT_SHARE = 0.01  # of the largest effort of the machine, up to which an effort is none
+OFF_ERROR_RATIO = 1.5  # times the error at which the drive typically works, from which one that does nothing is off
+FAR_GOAL_SHARE = 0.3  # of a stretch without effort in which the goal must be that far away
 
 
 def check_drive(joint: JointContext) -> Iterator[Finding]:
@@ -89,14 +99,14 @@ def _ratio(values: Array, expected: Array) -> float | None:
 def _named(signal: str, ratio: float) -> bool:
     """Whether a ratio is that of a right column, of the other sign, or of a unit that is known."""
     sizes = [abs(ratio), *(ratio / size for size in COLUMN_UNITS[signal].values())]
-    return any(CHAIN_RATIO_RANGE[0] < size < CHAIN_RATIO_RANGE[1] for size in sizes)
+    return any(map(same_unit, sizes))
 
 
 def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding]:
-    if CHAIN_RATIO_RANGE[0] < ratio < CHAIN_RATIO_RANGE[1]:
+    if same_unit(ratio):
         return
     column = joint.column(signal)
-    if CHAIN_RATIO_RANGE[0] < -ratio < CHAIN_RATIO_RANGE[1]:
+    if same_unit(-ratio):
         yield Finding(
             f"{signal}.sign", "warning", joint.name, column,
             f"{column} has the wrong sign: it is {ratio:.3g} times what goal, position and chain say.",
@@ -104,7 +114,7 @@ def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding
         )  # fmt: skip
         return
     unit = min(COLUMN_UNITS[signal], key=lambda name: abs(np.log(abs(ratio) / COLUMN_UNITS[signal][name])))
-    if ratio > 0.0 and CHAIN_RATIO_RANGE[0] < ratio / COLUMN_UNITS[signal][unit] < CHAIN_RATIO_RANGE[1]:
+    if ratio > 0.0 and same_unit(ratio / COLUMN_UNITS[signal][unit]):
         value, what = COLUMN_UNITS[signal][unit], f"is in {unit}"
     else:
         value, what = ratio, "is in another unit or of the other side of a gear"
@@ -113,3 +123,83 @@ def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding
         f"{column} {what}: it is {ratio:.3g} times what goal, position and chain say.",
         value=value, cause="sensor.scale", data_error=True,
     )  # fmt: skip
+
+
+# --- a drive that looks off -----------------------------------------------------------------------------------------
+
+
+def released(data: MeasuredSet) -> tuple[MeasuredSet, list[Finding]]:
+    """The runs with an ``enabled`` column for each joint whose drive looks off somewhere, and what is said about it."""
+    findings: list[Finding] = []
+    for name in dict.fromkeys(joint for run in data.runs for joint in run.joints):
+        contexts = {
+            k: joint
+            for k, run in enumerate(data.runs)
+            for joint in joint_contexts(run)
+            if joint.name == name and len(joint.time) == len(run.time)  # excerpts of long logs come as windows
+        }
+        masks = dict(zip(contexts, looks_off(list(contexts.values())), strict=True))
+        runs = list(data.runs)
+        for k, off in masks.items():
+            if off is None or not off.any():
+                continue
+            run, log = runs[k], runs[k].joints[name]
+            findings.append(_looks_off(contexts[k], off))
+            runs[k] = replace(run, joints={**run.joints, name: replace(log, enabled=np.where(off, 0.0, 1.0))})
+        data = replace(data, runs=tuple(runs))
+    return data, findings
+
+
+def _looks_off(joint: JointContext, off: np.ndarray) -> Finding:
+    first, last = joint.time[off][[0, -1]]
+    return Finding(
+        "drive.looks_off", "warning", joint.name, joint.column("enabled"),
+        f"The drive of {joint.name} looks off in {off.mean():.0%} of the samples, {first:.3g} to {last:.3g} s: the "
+        f"duty stays at zero while the goal is away. It is taken as off there; log {joint.column('enabled')}.",
+        value=float(off.mean()), run=joint.run.name,
+    )  # fmt: skip
+
+
+def looks_off(joints: Sequence[JointContext]) -> list[np.ndarray | None]:
+    """Samples (n,) at which the drive looks off in each run of one joint; None where that cannot be told.
+
+    What is usual is judged over all runs: one of them may be off throughout.
+    """
+    efforts = [_effort(joint) for joint in joints]
+    known = [k for k, effort in enumerate(efforts) if effort is not None]
+    if not known:
+        return [None] * len(joints)
+    largest = max(float(np.nanmax(np.abs(effort), initial=0.0)) for effort in efforts if effort is not None)
+    found: list[np.ndarray | None] = [None] * len(joints)
+    away, idle = {}, {}
+    for k in known:
+        goal, effort = joints[k].log.goal, efforts[k]
+        if goal is None or effort is None:
+            continue
+        away[k] = np.abs(goal - joints[k].log.position)
+        idle[k] = np.abs(np.nan_to_num(effort, nan=np.inf)) <= NO_EFFORT_SHARE * largest
+    if not away or largest == 0.0:
+        return found
+    working = np.concatenate([away[k][~idle[k]] for k in away])
+    if len(working) < 100:
+        return found
+    far = OFF_ERROR_RATIO * float(np.median(working))
+    for k in away:
+        found[k] = _stretches(joints[k].time, idle[k], away[k] > far)
+    return found
+
+
+def _effort(joint: JointContext) -> np.ndarray | None:
+    """What the drive does; None where that is not logged, or where a column says when it is on."""
+    if joint.log.enabled is not None or joint.log.goal is None or joint.still:
+        return None
+    return joint.log.duty
+
+
+def _stretches(time: np.ndarray, idle: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """Samples (n,) of the long stretches without effort in which the goal is mostly far away."""
+    off = np.zeros(len(time), bool)
+    for a, b in stretches(idle):
+        if time[b - 1] - time[a] >= MIN_OFF_SECONDS and far[a:b].mean() > FAR_GOAL_SHARE:
+            off[a:b] = True
+    return off

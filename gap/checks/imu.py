@@ -17,15 +17,14 @@ from ..log.finding import Finding
 from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
 from .bootstrap import BLOCK_SECONDS, BOOTSTRAP_DRAWS
-from .columns import ANOTHER_UNIT_RATIO, LAG_TOLERANCE
-from .signal import MIN_EXPLAINED_SHARE
+from .columns import LAG_TOLERANCE
+from .signal import MIN_EXPLAINED_SHARE, same_unit
 
 IMU = "imu"
 RATE_HALF_WINDOW = 2.0 * SPEED_REACH
 """[s] to both sides of a moment, over which a turn rate is told by the turns between samples."""
 IMU_LAG_REACH = 0.15  # [s] by which one signal is sought to be later than another
 SEARCH_STEP = 0.0025  # [s]
-MIN_AXIS_CORRELATION = 0.6  # correlation from which two axes are said to be of one motion
 LEAST_LAG = 2.0 * LAG_TOLERANCE  # [s] that is worth a word, if it is more than chance: each of the two may be late
 AXES = "xyz"
 
@@ -96,7 +95,7 @@ class Match:
         found = []
         for k, other in enumerate(best):
             along = self.correlation[k, other]
-            found.append((other, int(np.sign(along))) if abs(along) >= MIN_AXIS_CORRELATION else (k, 0))
+            found.append((other, int(np.sign(along))) if along**2 >= MIN_EXPLAINED_SHARE else (k, 0))
         return tuple(found) if any(sign for _, sign in found) else None
 
 
@@ -227,7 +226,7 @@ def _of_match(found: Match) -> Iterator[Finding]:
     if axes is not None and (sentence := told_axes(_inverse(axes), "turn rate", "its orientation")):
         swapped = any(other != k for k, (other, sign) in enumerate(axes) if sign)
         yield _finding("imu.axes" if swapped else "imu.sign", "base.imu.turn_x", sentence)
-    if not 1.0 / ANOTHER_UNIT_RATIO < found.ratio < ANOTHER_UNIT_RATIO:
+    if not same_unit(found.ratio):
         times = 1.0 / found.ratio
         unit = ": it is in deg/s" if 40.0 < times < 80.0 else ""
         sentence = f"The turn rate of the IMU is {times:.3g} times the derivative of its orientation{unit}."

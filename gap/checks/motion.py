@@ -10,6 +10,7 @@ from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
 from ..log.units import FACTOR
 from .context import JointContext
+from .signal import same_unit
 
 DEGREES_PER_RADIAN = 180.0 / np.pi
 FULL_TURN = 2.0 * np.pi
@@ -197,15 +198,11 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             wrong[signal] = reason
     if goal is not None and np.ptp(goal) > 0:
         ratio = float(np.ptp(position) / np.ptp(goal))
-        size = float(np.quantile(np.abs(goal), 0.98)), float(np.quantile(np.abs(position), 0.98))
-        if (
-            0.3 * DEGREES_PER_RADIAN < ratio < 2.0 * DEGREES_PER_RADIAN
-            and np.ptp(goal) > MIN_GOAL_MOTION
-            and nearer(position, goal)
-        ):
+        size = float(np.quantile(np.abs(goal), 0.98))
+        if same_unit(ratio / DEGREES_PER_RADIAN) and np.ptp(goal) > MIN_GOAL_MOTION and nearer(position, goal):
             wrong["position"] = f"it moves {ratio:.3g} times as far as the goal"
             wrong.pop("goal", None)
-        elif 0.5 / DEGREES_PER_RADIAN < ratio < 2.0 / DEGREES_PER_RADIAN and size[0] > MAX_STOPPED_ANGLE * 0.5:
+        elif same_unit(ratio * DEGREES_PER_RADIAN) and size > MAX_STOPPED_ANGLE * 0.5:
             wrong["goal"] = f"it moves {1 / ratio:.3g} times as far as the position"
             wrong.pop("position", None)
         elif "position" in wrong:
@@ -215,13 +212,9 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
     link = joint.log.link_position
     if link is not None and np.isfinite(link).any():
         ratio = float((np.nanmax(link) - np.nanmin(link)) / np.ptp(position))
-        if "position" in wrong and 0.3 < ratio < 2.0:
+        if "position" in wrong and same_unit(ratio):
             wrong["link_position"] = "it moves as far as the position"
-        elif (
-            "position" not in wrong
-            and 0.3 * DEGREES_PER_RADIAN < ratio < 2.0 * DEGREES_PER_RADIAN
-            and np.ptp(position) > MIN_GOAL_MOTION
-        ):
+        elif "position" not in wrong and same_unit(ratio / DEGREES_PER_RADIAN) and np.ptp(position) > MIN_GOAL_MOTION:
             wrong["link_position"] = f"it moves {ratio:.3g} times as far as the position"
     for signal, reason in wrong.items():
         yield Finding(

@@ -1,4 +1,4 @@
-"""Checks of how a host recorded: columns that hold a value or lag by rows, goals that were interpolated, late stamps.
+"""Checks of how a host recorded: columns that hold values or lag by rows, goals that were interpolated or read.
 
 Each looks like an effect of the machine, most like a delay, and is none.
 """
@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...actuators.chain import load_chain
-from ...common.errors import SealegsError
 from ..log.finding import Finding
-from ..log.types import MIN_CHANGES, Array
-from .clock import STAMP_ERROR_SHARE
+from ..log.types import MIN_CHANGES, READING_SHARE, Array
 from .context import JointContext
-from .signal import LAG_REACH, OTHER_ERROR_RATIO, derivatives, quantisation_step
+from .signal import LAG_REACH, OTHER_ERROR_RATIO, quantisation_step
 
 READ_COLUMNS = ("position", "velocity", "link_position", "duty", "current", "torque")
 """Columns that a host reads in every cycle; temperature and voltage are polled less often."""
@@ -29,7 +26,15 @@ DUTY_VARIANCE_SHARE = 0.9  # share of the duty's variance that goal and position
 DRIVE_LOOP_PERIOD = 2.5e-4
 """[s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed."""
 DELAY_TOLERANCE = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
-REGULAR_CLOCK_NOISE_RATIO = 0.7  # of the noise at speed that a regular clock must leave
+
+MIN_MOVING_SAMPLES = 100
+"""Samples in motion from which that is told."""
+ROUNDING_SHARE = 1e-6
+"""Of the range of motion: difference that writing a number down makes."""
+ROUNDING_STEPS = 0.51
+"""Of the quantisation steps of both columns: difference that rounding one of two equal columns makes."""
+STEADY_LAG = 2e-3  # [s] within which no servo holds its lag at all speeds; assumed: 0.4 of the delay of sts3215
+FAST_SPEED_QUANTILE = 0.75  # quantile of the speeds in motion above which the fast ones are
 
 
 def check_recording(joint: JointContext) -> Iterator[Finding]:
@@ -177,11 +182,8 @@ class Following:
 
 def driving(joint: JointContext) -> Array | None:
     """The duty (n,), as logged or as current and speed give it; None where the firmware has more than a P loop."""
-    try:
-        chain = load_chain(joint.run.actuators[joint.name])
-    except (KeyError, SealegsError):
-        return None
-    if chain.find("position_p") is None or joint.log.goal is None or not joint.natural:
+    chain = joint.chain
+    if chain is None or chain.find("position_p") is None or joint.log.goal is None or not joint.natural:
         return None
     if joint.log.duty is not None:
         return joint.log.duty
@@ -224,7 +226,7 @@ def following(joint: JointContext, duty: Array, goal: Array) -> Following | None
 
 def _before_goal(joint: JointContext, seen: int) -> bool:
     """Whether the goal in force is one row older than the chain has it, and would be that a moment earlier."""
-    delay = load_chain(joint.run.actuators[joint.name]).find("delay")
+    delay = None if joint.chain is None else joint.chain.find("delay")
     believed = 0.0 if delay is None else delay.seconds
     return seen == _rows_late(joint.time, believed) + 1 and a_moment_tells(joint.time, believed)
 
@@ -294,45 +296,43 @@ def _rows(joint: JointContext) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-# --- stamps --------------------------------------------------------------------------------------------------------
+# --- goals that are readings ---------------------------------------------------------------------------------------
 
 
-def check_stamps(joint: JointContext) -> Iterator[Finding]:
-    """Yield whether the time stamps of a run jitter more than its readings, judged by a joint that moves."""
-    if joint.still or len(joint.time) < 400:
+def check_goal(joint: JointContext) -> Iterator[Finding]:
+    """Yield whether the goal of a joint is its reading, of the same row or of the next.
+
+    A servo lags its goal by milliseconds at least, which at speed is more than a step of its encoder. So equal columns
+    are one column that was logged twice.
+    """
+    goal, position = joint.log.goal, joint.log.position
+    if goal is None or not np.isfinite(goal).all() or np.ptp(goal) == 0.0:
         return
-    grid = regular(joint.time)
-    if grid is None:
-        return
-    late = joint.time - grid
-    jitter = float(np.std(late))
-    if jitter < STAMP_ERROR_SHARE * joint.period:
-        return
-    fast = np.abs(joint.velocity) > np.quantile(np.abs(joint.velocity), 0.8)
-    if fast.sum() < 200:
-        return
-    stamped, even = (_roughness(time, joint.log.position, fast) for time in (joint.time, grid))
-    if even < REGULAR_CLOCK_NOISE_RATIO * stamped:
+    for ahead in (0, 1):
+        share = _equal(joint, goal, position, ahead)
+        if share < READING_SHARE:
+            continue
+        name, of_what = joint.column("goal"), joint.column("position")
+        next_row = " of the next row" if ahead else ""
         yield Finding(
-            "clock.late_stamps", "warning", None, "time",
-            f"Time stamps jitter by {1e3 * jitter:.2g} ms (up to {1e3 * np.ptp(late):.2g} ms late), the readings do "
-            f"not: on a regular clock the position is {stamped / even:.2g} times smoother in motion; stamp a row when "
-            "it is read.",
-            value=jitter, data_error=True,
+            "goal.is_position", "error", joint.name, name,
+            f"{name} equals {of_what}{next_row} in {share:.0%} of the samples in motion, which no servo does: it is "
+            "the reading and not the command, or the position repeats the goal; log the goal as it was sent.",
+            value=share, data_error=True,
         )  # fmt: skip
+        return
 
 
-def regular(time: Array) -> Array | None:
-    """The regular clock (n,) whose ticks the stamps follow, the earliest of them on time; None where rows are lost."""
-    at = np.arange(len(time))
-    slope, start = np.polyfit(at, time, 1)
-    grid = start + slope * at
-    if np.ptp(time - grid) > 1.5 * slope:
-        return None
-    return grid + float(np.quantile(time - grid, 0.02))
-
-
-def _roughness(time: Array, position: Array, keep: np.ndarray) -> float:
-    """Rms of what a local cubic cannot follow at some samples [rad]."""
-    smooth = derivatives(time, position, 9 * float(np.median(np.diff(time))))[0]
-    return float(np.sqrt(np.mean((position - smooth)[keep] ** 2)))
+def _equal(joint: JointContext, goal: Array, position: Array, ahead: int) -> float:
+    """Share of the samples in motion, drive on, in which the goal is the reading so many rows later."""
+    last = len(goal) - ahead
+    counts = (joint.moving & joint.on)[:last]
+    if counts.sum() < MIN_MOVING_SAMPLES:
+        return 0.0
+    apart = np.abs(goal[:last] - position[ahead:])[counts]
+    exact = float((apart <= ROUNDING_SHARE * joint.span).mean())
+    within = ROUNDING_STEPS * (joint.step + quantisation_step(goal))
+    fast = float(np.quantile(np.abs(joint.velocity[:last][counts]), FAST_SPEED_QUANTILE))
+    if exact >= READING_SHARE or fast * STEADY_LAG < within:  # slower motion hides a lag within the rounding
+        return exact
+    return float((apart <= within).mean())

@@ -18,8 +18,17 @@ LAG_REACH = 0.06
 LAG_BLOCKS = 24
 OTHER_ERROR_RATIO = 0.5  # of the squared error, to which another reading of a column must bring it to be meant
 MIN_EXPLAINED_SHARE = 0.5  # of a column's variance, that another must explain before both are compared in size
+ANOTHER_UNIT_RATIO = 3.0
+"""Ratio of two columns beyond which one is not badly calibrated but in another unit, or of something else: assumed,
+between what wrong numbers of a machine make and the nearest other unit, a turn of 2 pi."""
+MIN_SAMPLES = 100  # of a column, from which it is judged
 MIN_NOISE_SAMPLES = 20  # samples of a piece from which its noise can be told
 _BLOCK_SAMPLES = 1 << 15
+
+
+def same_unit(ratio: float) -> bool:
+    """Whether two columns of this ratio may be in one unit."""
+    return 1.0 / ANOTHER_UNIT_RATIO < ratio < ANOTHER_UNIT_RATIO
 
 
 def quantisation_step(values: Array) -> float:

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...envs.robots import robot_meant
-from ..checks.columns import ANOTHER_UNIT_RATIO
 from ..checks.data_set import check_set, corrected, merged, unusable
+from ..checks.drive import released
 from ..checks.motion import MAX_STOPPED_ANGLE
-from ..checks.off import released
-from ..checks.signal import quantisation_step
+from ..checks.signal import quantisation_step, same_unit
 from ..load.robot import Machine
 from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
@@ -158,8 +157,7 @@ def _check_ways(run: MeasuredRun, now: MeasuredRun, converted: dict[str, str]) -
 
 def _move_alike(one: Array, other: Array) -> bool:
     """Whether two columns go about equally far."""
-    ways = float(np.ptp(one)), float(np.ptp(other))
-    return max(ways) < ANOTHER_UNIT_RATIO * min(ways)
+    return same_unit(float(np.ptp(one)) / max(float(np.ptp(other)), 1e-12))
 
 
 def _check_said(findings: list[Finding], converted: dict[str, dict[str, str]]) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
-from sealegs.gap.checks.correction import CONVERTED
 from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.checks.faults import FAULTS, Fault
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING
@@ -181,7 +181,7 @@ def test_a_machine_whose_both_encoders_are_in_degrees_and_backwards_is_mended() 
 
 def test_what_mending_does_not_cure_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     data = planted("milliamperes", 1000.0, 1)
-    monkeypatch.setitem(CONVERTED, "unit.current", lambda values, size: values)
+    monkeypatch.setitem(FAULTS, "unit.current", Fault(lambda run, finding: run))
     same, findings = corrected(data, check_set(data))
     np.testing.assert_array_equal(signal(same.runs[0], "current"), signal(data.runs[0], "current"))
     assert {f.code for f in findings if f.data_error} == {"unit.current"}

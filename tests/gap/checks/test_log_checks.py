@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 from sealegs.actuators import load_chain
-from sealegs.gap.checks.correction import mended
 from sealegs.gap.checks.data_set import (
     Finding,
-    _without_unit_of_magnitudes,
     check_run,
     check_set,
     corrected,
@@ -20,6 +18,7 @@ from sealegs.gap.checks.data_set import (
     noise_floor,
     unusable,
 )
+from sealegs.gap.checks.faults import mended
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from testbed import NOISE_FLOOR, hidden_bench
@@ -407,10 +406,6 @@ def test_a_current_without_sign_in_one_run_has_none_in_any() -> None:
     """Where a run pushes one way only, a magnitude looks like a current of another scale."""
     both, one_way = (with_log(run, current=np.abs(signal(run, "current"))) for run in clean().runs[:2])
     one_way = with_log(one_way, duty=np.abs(signal(one_way, "duty")))
-    scaled = with_log(clean().runs[1], current=0.1 * signal(clean().runs[1], "current"))
-    (unit,) = [finding for finding in check_run(scaled) if finding.code == "unit.current"]
-    unsigned = found(both, "current.unsigned")
-    assert _without_unit_of_magnitudes([unsigned, unit]) == [unsigned]
     data = MeasuredSet((both, one_way), "x")
     mended, said = corrected(data, check_set(data))
     assert [run.joints[JOINT].current for run in mended.runs] == [None, None]

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from sealegs.gap.checks.data_set import check_set, corrected
-from sealegs.gap.checks.off import released
+from sealegs.gap.checks.drive import released
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.prepare.checking import check_log
 

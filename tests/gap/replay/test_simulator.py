@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.common.errors import SealegsError
-from sealegs.gap.checks.data_set import together
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
 from sealegs.gap.load.terms import T_COLUMNS, T_DRAWN, T_OWN
 from sealegs.gap.load.tree_load import TreeLoad
-from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine
@@ -217,16 +215,6 @@ def test_what_the_current_does_not_explain_stays_as_it_was_logged():
     assert np.array_equal(heated(time, room, 0.0 * current), room)
     fine = np.round(warm, 2)
     assert np.array_equal(heated(time, fine, current), fine)
-
-
-@pytest.mark.parametrize(("speed", "alike"), [(0.156, True), (6.41, True), (0.3, False)])
-def test_a_unit_and_a_gear_are_both_told_where_both_fit(speed: float, alike: bool):
-    findings = [
-        Finding("unit.velocity", "error", "j", "j.velocity", "In another unit.", value=speed),
-        Finding("torque.gear_side", "error", "j", "j.torque", "Of another side.", value=1.0 / 6.33),
-    ]
-    said = " ".join(finding.sentence for finding in together(findings))
-    assert ("of the same log" in said) is alike
 
 
 TIME = np.arange(400.0) * 0.005
