@@ -125,7 +125,7 @@ def look(log: Path, settings: Mapping[str, Any]) -> None:
 
     from ..gap.checks.long import read_bounded
     from ..gap.finder.diagnosis import first_look
-    from ..gap.output.look import lines_of
+    from ..gap.output.terminal import lines_of
     from ..gap.prepare.request import Request
 
     console = Console()

@@ -10,18 +10,13 @@ from ..load.efforts import EFFORTS, predicted
 from ..log.finding import Finding
 from ..log.types import Array
 from .context import JointContext
-from .motion import DEGREES_PER_RADIAN
-from .signal import MIN_SAMPLES, Lag, derivatives, fit_lag, quantisation_step, same_unit
+from .motion import velocity_unit
+from .signal import FOLLOWS_SHARE, MIN_SAMPLES, Lag, derivatives, fit_lag, quantisation_step, same_unit
 
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
 """Smallest delay of a column that is worth a word [s]."""
 STUCK_SECONDS = 0.5
-KNOWN_RATIOS = {
-    "degrees per second": DEGREES_PER_RADIAN,
-    "revolutions per minute": 60.0 / (2 * np.pi),
-    "revolutions per second": 1.0 / (2 * np.pi),
-}
 
 
 def check_columns(joint: JointContext) -> Iterator[Finding]:
@@ -122,7 +117,7 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
     as_logged = float(lag.coefficients_now[0]) / np.sqrt(lag.r2)
     name = joint.column("velocity")
     late = abs(lag.seconds) > LAG_TOLERANCE and lag.low * lag.high > 0 and (1 - lag.r2_now) > 1.3 * (1 - lag.r2)
-    if (unit := _unit_by(scale)) is not None:
+    if (unit := velocity_unit(scale)) not in (None, "rad/s"):
         yield _in_unit(joint, "velocity", "position", unit, scale)
         return
     if same_unit(-scale):
@@ -170,7 +165,7 @@ def _goal_velocity(joint: JointContext, goal: Array, velocity: Array) -> Iterato
     if lag is None:
         return
     scale, name = float(lag.coefficients[0]) / np.sqrt(lag.r2), joint.column("goal_velocity")
-    if scale > 0.0 and (unit := _unit_by(scale)) is not None:
+    if scale > 0.0 and (unit := velocity_unit(scale)) not in (None, "rad/s"):
         yield _in_unit(joint, "goal_velocity", "goal", unit, scale)
     elif not same_unit(scale):
         yield Finding(
@@ -181,12 +176,7 @@ def _goal_velocity(joint: JointContext, goal: Array, velocity: Array) -> Iterato
         )  # fmt: skip
 
 
-def _unit_by(scale: float) -> str | None:
-    """The unit of a velocity that is so many times the derivative in rad/s."""
-    return next((unit for unit, ratio in KNOWN_RATIOS.items() if abs(abs(scale) / ratio - 1.0) < 0.05), None)
-
-
-def _in_unit(joint: JointContext, signal: str, of: str, unit: str, scale: float) -> Finding:
+def _in_unit(joint: JointContext, signal: str, of: str, unit: str | None, scale: float) -> Finding:
     name = joint.column(signal)
     return Finding(
         "unit.velocity", "error", joint.name, name,
@@ -202,7 +192,7 @@ def _beside_derivative(joint: JointContext, velocity: Array, angle: Array) -> La
     window = max(0.1, 9 * joint.period)
     column, derivative = (derivatives(joint.time, values, window)[1] for values in (travelled, angle))
     lag = fit_lag(joint.time, column, [derivative])
-    return None if lag is None or lag.r2 < 0.9 else lag
+    return None if lag is None or lag.r2 < FOLLOWS_SHARE else lag
 
 
 def check_unsigned(joints: Sequence[JointContext], run: str | None) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
 from ..log.units import FACTOR
 from .context import JointContext
-from .signal import same_unit
+from .signal import FOLLOWS_SHARE, MIN_SAMPLES, same_unit
 
 DEGREES_PER_RADIAN = 180.0 / np.pi
 FULL_TURN = 2.0 * np.pi
@@ -18,10 +18,16 @@ MIN_GOAL_MOTION = 0.02  # [rad] that a goal must move for the way of its joint t
 DIRECTION_WAY_RATIO = 5.0  # times as far as its goal, or as little, that a joint may move for its direction to be told
 MAX_GEARED_SPEED = 60.0
 """Speed [rad/s] that no geared joint reaches; a motor without a gear does."""
-OVERRUN_SPEED_RATIO = 2.0
-"""Times its no-load speed that a joint may turn: its load drives it, and the numbers of its motor are off."""
-VELOCITY_UNITS = (1.0, DEGREES_PER_RADIAN, 60.0 / FULL_TURN)
-"""Times the derivative of a position in rad that a velocity is: in rad/s, degrees per second, revolutions a minute."""
+BEYOND_MODEL = 2.0
+"""Times the range or the no-load speed of its model that a joint may go: its numbers are off, or its load drives it."""
+VELOCITY_UNITS = {
+    "rad/s": 1.0,
+    "degrees per second": 1.0 / FACTOR["deg/s"],
+    "revolutions per minute": 1.0 / FACTOR["rpm"],
+    "revolutions per second": 1.0 / FACTOR["turn/s"],
+}
+"""How many of each are one rad/s."""
+UNIT_TOLERANCE = 0.05  # of a ratio: a gear of another ratio is none
 WHOLE_TURN_MARGIN = 0.5
 """Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
 MAX_STOPPED_ANGLE = 10.0
@@ -241,7 +247,7 @@ def _told_by_speed(
     stated = not units.keys().isdisjoint((joint.column(signal), signal, joint.column("position"), "position"))
     free = None if joint.chain is None else no_load_speed(joint.chain)
     why = ""
-    if free is not None and speed <= OVERRUN_SPEED_RATIO * free:
+    if free is not None and speed <= BEYOND_MODEL * free:
         why = f"its motor turns {free:.3g} rad/s without a load"
     elif free is None and (stated or _goes_with_velocity(joint)):
         why = "its velocity goes with it"
@@ -271,10 +277,14 @@ def _goes_with_velocity(joint: JointContext) -> bool:
     if velocity is None or known.mean() < 0.5 or np.ptp(velocity[known]) == 0.0:
         return False
     logged, derived = velocity[known], joint.velocity[known]
-    if float(np.corrcoef(logged, derived)[0, 1]) < 0.9:
+    if float(np.corrcoef(logged, derived)[0, 1]) ** 2 < FOLLOWS_SHARE:
         return False
-    ratio = float(np.std(logged) / np.std(derived))
-    return any(abs(ratio / rate - 1.0) < 0.15 for rate in VELOCITY_UNITS)
+    return bool(velocity_unit(float(np.std(logged) / np.std(derived))))
+
+
+def velocity_unit(ratio: float) -> str | None:
+    """The unit of a velocity that is so many times the derivative of an angle in rad; None: none of these."""
+    return next((unit for unit, per in VELOCITY_UNITS.items() if abs(abs(ratio) / per - 1.0) < UNIT_TOLERANCE), None)
 
 
 def nearer(position: np.ndarray, goal: np.ndarray) -> bool:
@@ -285,7 +295,7 @@ def nearer(position: np.ndarray, goal: np.ndarray) -> bool:
 def _beyond_degrees(joint: JointContext, values: np.ndarray) -> str:
     """Why a column that no joint of the model could go through is in degrees; empty where it is not so."""
     way = float(np.ptp(np.nanquantile(values, (0.01, 0.99))))
-    if joint.reach is None or not np.isfinite(way) or way < 2.0 * joint.reach + FULL_TURN:
+    if joint.reach is None or not np.isfinite(way) or way < BEYOND_MODEL * joint.reach + FULL_TURN:
         return ""  # a wrong zero is no wrong unit
     fits = way / DEGREES_PER_RADIAN <= 2.0 * joint.reach
     return f"it goes over {way:.3g}, and the joint of the model reaches {joint.reach:.3g} rad" if fits else ""
@@ -312,7 +322,7 @@ def _link_sign(joint: JointContext) -> Iterator[Finding]:
     if link is None:
         return
     good = np.isfinite(link)
-    if good.sum() < 100 or np.ptp(link[good]) == 0.0:
+    if good.sum() < MIN_SAMPLES or np.ptp(link[good]) == 0.0:
         return
     # a jump of an encoder that wraps is another fault
     angles = np.unwrap(link[good]), np.unwrap(position[good])
@@ -323,7 +333,7 @@ def _sign(
     joint: JointContext, signal: str, severity: Severity, values: np.ndarray, of_what: str, other: np.ndarray
 ) -> Iterator[Finding]:
     # a joint whose drive is off goes where it likes
-    on = joint.on if len(values) == len(joint.on) and joint.on.sum() >= 100 else np.ones(len(values), bool)
+    on = joint.on if len(values) == len(joint.on) and joint.on.sum() >= MIN_SAMPLES else np.ones(len(values), bool)
     if np.ptp(other[on]) == 0.0 or np.ptp(values[on]) == 0.0:
         return
     ways = float(np.ptp(values[on]) / np.ptp(other[on]))
@@ -392,9 +402,6 @@ def _saturation(joint: JointContext) -> Iterator[Finding]:
 MILLIMETRES_PER_METRE = 1.0 / FACTOR["mm"]
 OTHER_LENGTH_UNITS = {"cm": 100.0}
 """Other units that people measure slides in and a sidecar can say, and how many of them are a metre."""
-MIN_RANGE_SHARE = 0.3  # of the range, that a column in another unit must cover to be taken for one
-OTHER_UNIT_REACH = 2.0  # times as far as the range of the model reaches: more is another unit
-MILLIMETRE_REACH = 1.5  # times that range up to which a column in millimetres may go
 MAX_SLIDE_SPEED = 20.0
 """Speed [m/s] that no slide of a robot reaches; it tells the unit where the model gives no range."""
 
@@ -439,12 +446,12 @@ def _too_far(joint: JointContext, values: np.ndarray, size: float) -> tuple[bool
     if joint.reach is None:
         speed = float(np.nanquantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.9))
         return (True if speed > MAX_SLIDE_SPEED else None), f"it moves by {speed:.3g} per second"
-    if size <= OTHER_UNIT_REACH * joint.reach:
+    if size <= BEYOND_MODEL * joint.reach:
         return None, ""
     reason = f"it reaches {size:.3g}, and the joint of the model {joint.reach:.3g} m"
-    return size / MILLIMETRES_PER_METRE <= MILLIMETRE_REACH * joint.reach, reason
+    return size / MILLIMETRES_PER_METRE <= BEYOND_MODEL * joint.reach, reason
 
 
 def _fits(joint: JointContext, metres: float) -> bool:
     """Whether a column that reaches so far stays in the model's range, covering much of it."""
-    return joint.reach is not None and MIN_RANGE_SHARE * joint.reach <= metres <= joint.reach
+    return joint.reach is not None and metres <= joint.reach and same_unit(metres / joint.reach)

@@ -13,28 +13,23 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.types import MIN_CHANGES, READING_SHARE, Array
 from .context import JointContext
-from .signal import LAG_REACH, OTHER_ERROR_RATIO, quantisation_step
+from .signal import FOLLOWS_SHARE, LAG_REACH, MIN_SAMPLES, OTHER_ERROR_RATIO, quantisation_step
 
 READ_COLUMNS = ("position", "velocity", "link_position", "duty", "current", "torque")
 """Columns that a host reads in every cycle; temperature and voltage are polled less often."""
-MAX_HELD_ROWS = 8  # rows that a column may hold a value for; more is a column of its own rate
-MAX_KNOT_ROWS = 25  # rows between two goals that were joined by a line
+MAX_ROWS = 25  # that a column may hold a value for, or between two goals that were joined by a line
 REGULAR_STRETCH_SHARE = 0.95  # share of the stretches that must be whole multiples
 MAX_DUTY_ROWS = 12_000  # of a run that the duty is followed over: more tell no more
 READING_REACH = 0.02  # [s] by which a position may be late, or columns early
-DUTY_VARIANCE_SHARE = 0.9  # share of the duty's variance that goal and position must explain
 DRIVE_LOOP_PERIOD = 2.5e-4
 """[s] by which a reading may come before what is set in its row: a period of a drive's loop, assumed."""
 DELAY_TOLERANCE = 0.06  # relative error of a delay that is believed: the tolerance that every fit has
 
-MIN_MOVING_SAMPLES = 100
-"""Samples in motion from which that is told."""
 ROUNDING_SHARE = 1e-6
 """Of the range of motion: difference that writing a number down makes."""
 ROUNDING_STEPS = 0.51
 """Of the quantisation steps of both columns: difference that rounding one of two equal columns makes."""
 STEADY_LAG = 2e-3  # [s] within which no servo holds its lag at all speeds; assumed: 0.4 of the delay of sts3215
-FAST_SPEED_QUANTILE = 0.75  # quantile of the speeds in motion above which the fast ones are
 
 
 def check_recording(joint: JointContext) -> Iterator[Finding]:
@@ -67,14 +62,14 @@ def held_rows(values: Array, moving: np.ndarray) -> int:
     if len(change) < MIN_CHANGES:
         return 1
     lengths = np.diff(change)[moving[change[1:]]]
-    return _common(lengths, MAX_HELD_ROWS)
+    return _common(lengths)
 
 
-def _common(lengths: np.ndarray, most: int) -> int:
+def _common(lengths: np.ndarray) -> int:
     """The largest number of rows that nearly all stretches are whole multiples of; 1 where there is none."""
     if len(lengths) < MIN_CHANGES:
         return 1
-    for rows in range(most, 1, -1):
+    for rows in range(MAX_ROWS, 1, -1):
         # the number itself must be there: stretches of 4 and 8 rows are no stretches of 2
         if (lengths % rows == 0).mean() > REGULAR_STRETCH_SHARE and (lengths == rows).mean() > 0.3:
             return rows
@@ -128,18 +123,23 @@ def _interpolated(joint: JointContext) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def _rounding(goal: Array) -> float:
+    """Bend of a goal that rounding makes."""
+    return ROUNDING_SHARE * float(np.ptp(goal)) + 2.0 * ROUNDING_STEPS * quantisation_step(goal)
+
+
 def knot_rows(time: Array, goal: Array) -> int:
     """Over how many rows a goal (n,) goes in straight lines; 1 where it bends anywhere."""
     slope = np.diff(goal) / np.diff(time)
-    least = 1e-6 * np.ptp(goal) + 1.01 * quantisation_step(goal)
+    least = _rounding(goal)
     bends = np.flatnonzero(np.abs(np.diff(slope)) * np.median(np.diff(time)) > least) + 1
-    return _common(np.diff(bends), MAX_KNOT_ROWS)
+    return _common(np.diff(bends))
 
 
 def held_again(goal: Array, rows: int) -> Array:
     """Goals (n,) that were sent every so many rows, and held."""
     bend = np.abs(np.diff(goal, 2))
-    strong = np.flatnonzero(bend > 1e-6 * np.ptp(goal) + 1.01 * quantisation_step(goal)) + 1
+    strong = np.flatnonzero(bend > _rounding(goal)) + 1
     first = int(np.bincount(strong % rows, minlength=rows).argmax()) if len(strong) else 0
     at = np.arange(len(goal))
     return goal[np.maximum(at - (at - first) % rows, 0)]
@@ -151,7 +151,7 @@ def _follows_held(joint: JointContext, goal: Array, rows: int) -> bool | None:
     if duty is None:
         return None
     logged, held = (following(joint, duty, values) for values in (goal, held_again(goal, rows)))
-    if logged is None or held is None or max(logged.explained, held.explained) < DUTY_VARIANCE_SHARE:
+    if logged is None or held is None or max(logged.explained, held.explained) < FOLLOWS_SHARE:
         return None
     if held.error < OTHER_ERROR_RATIO * logged.error:
         return True
@@ -269,7 +269,7 @@ def _rows(joint: JointContext) -> Iterator[Finding]:
     if duty is None or joint.log.goal is None:
         return
     seen = following(joint, duty, joint.log.goal)
-    if seen is None or seen.explained < DUTY_VARIANCE_SHARE:
+    if seen is None or seen.explained < FOLLOWS_SHARE:
         return
     if seen.rows == 0 and _before_goal(joint, seen.goal_rows):
         yield before_goal_note(joint.name, "current" if joint.log.duty is None else "duty", joint.period)
@@ -327,12 +327,10 @@ def _equal(joint: JointContext, goal: Array, position: Array, ahead: int) -> flo
     """Share of the samples in motion, drive on, in which the goal is the reading so many rows later."""
     last = len(goal) - ahead
     counts = (joint.moving & joint.on)[:last]
-    if counts.sum() < MIN_MOVING_SAMPLES:
+    if counts.sum() < MIN_SAMPLES:
         return 0.0
     apart = np.abs(goal[:last] - position[ahead:])[counts]
     exact = float((apart <= ROUNDING_SHARE * joint.span).mean())
     within = ROUNDING_STEPS * (joint.step + quantisation_step(goal))
-    fast = float(np.quantile(np.abs(joint.velocity[:last][counts]), FAST_SPEED_QUANTILE))
-    if exact >= READING_SHARE or fast * STEADY_LAG < within:  # slower motion hides a lag within the rounding
-        return exact
-    return float((apart <= within).mean())
+    shows = np.abs(joint.velocity[:last][counts]) * STEADY_LAG > within  # slower motion hides a lag in the rounding
+    return exact if exact >= READING_SHARE or shows.sum() < MIN_SAMPLES else float((apart <= within)[shows].mean())

@@ -17,6 +17,7 @@ LAG_REACH = 0.06
 """Largest delay or advance of a column that is looked for [s]."""
 LAG_BLOCKS = 24
 OTHER_ERROR_RATIO = 0.5  # of the squared error, to which another reading of a column must bring it to be meant
+FOLLOWS_SHARE = 0.9  # of a column's variance, that another must explain for it to be what this one follows
 MIN_EXPLAINED_SHARE = 0.5  # of a column's variance, that another must explain before both are compared in size
 ANOTHER_UNIT_RATIO = 3.0
 """Ratio of two columns beyond which one is not badly calibrated but in another unit, or of something else: assumed,

@@ -1,8 +1,7 @@
 """What to measure next: the motion, out of a library, that best tells apart what the log leaves open."""
 
-from .detection import DetectionLimit, detection_limits
+from .detection import DetectionLimit, blind_spots, detection_limits, experiment_for_still, unseen
 from .excitations import EXCITATION_SECONDS, GOAL_RATE, Limits, default_limits, library
-from .exposure import blind_spots, experiment_for_still, unseen
 from .files import goal_table, read_goals, write_experiment
 from .proposal import Along, Experiment, propose
 

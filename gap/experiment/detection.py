@@ -1,28 +1,38 @@
-"""How small a cause must be to leave no trace in a log: what finding nothing in it is worth, cause by cause."""
+"""What a log could not show, and how small a cause must be to leave no trace: what finding nothing in it is worth."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..causes.catalogue import adjustable, catalogue
 from ..causes.cause import Variant
-from ..log.parts import FIT_A, FIT_B
+from ..log.parts import FIT_A, FIT_B, Unit
+from ..log.types import MeasuredRun
+from ..replay.free import free_problem
+from ..replay.joint_model import JointModel
 from ..replay.problem import JointProblem
 from ..search.bounded import bounded_step
+from ..search.fit import Fit
 from ..search.result import Search
+from ..search.torque_gauge import is_open
+from .excitations import Limits
 from .proposal import (
     MIN_SEPARATION,
     NORMAL_RIDGE,
     VISIBLE_DIFFERENCE,
+    Experiment,
     Hypothesis,
     Prediction,
     everything,
     predict,
+    propose,
     thinned,
+    unlike,
 )
 
 TRIED_SIZES = tuple(
@@ -32,6 +42,10 @@ REPLAYS_AT_ONCE = 16  # replays
 MAX_CHANGE = 1e4  # noise floors at which a change is clipped: larger ones are those of a replay that diverges
 MAX_TUNING_STEPS = 12  # evaluations of the tuned numbers, at most, on their way towards the log that was measured
 MIN_STEP_GAIN = 0.02  # of what is left, that such a step must take for the next one to be worth it
+
+MAX_BLIND_SHARE = 0.25
+"""Share of the catalogue that a log may be unable to show for "nothing to explain" to mean something."""
+ASSUMED_NOISE = 5e-4  # [rad] of an encoder whose log never moves: a tick of 4096 a turn, and as much noise
 
 
 @dataclass(frozen=True)
@@ -198,3 +212,61 @@ class _Trip:
         self._move = bounded_step(gram, self.change.T @ self._error, low - self.moved, high - self.moved)
         self.moved = self.moved + self._move
         return float(np.sqrt(np.mean((self._error + self.change @ self._move) ** 2))) < MIN_SEPARATION
+
+
+# --- causes that would have left no trace ---------------------------------------------------------------------------
+
+
+def unseen(problem: JointProblem, search: Search) -> tuple[str, ...]:
+    """Causes of the catalogue which, at a plausible size, the log would hardly show beside what may be tuned."""
+    none, *causes = everything(problem, search)
+    old = thinned(problem.part(FIT_A, FIT_B))
+    nothing = predict(old, none)
+    hidden = []
+    # numbers of a joint whose log leaves all torques open hide behind each other in any motion, up to their tolerance
+    behind = {p.number for p in search.tuned} if is_open(problem.models[0]) else set()
+    behind = {cause.name for cause in search.causes if cause.error and cause.variants[0][0].number in behind}
+    for cause in causes:
+        if cause.name in behind:
+            continue
+        there = predict(old, cause)
+        if unlike(there, nothing, there, nothing) < VISIBLE_DIFFERENCE:
+            hidden.append(cause.name)
+    return tuple(hidden)
+
+
+def blind_spots(problem: JointProblem, search: Search, held: Collection[str] = ()) -> tuple[str, ...]:
+    """Causes that a log could not show, where they are so many that finding nothing in it means nothing.
+
+    Args:
+        problem: of the log.
+        search: what was found in it.
+        held: causes that were not sought, since a link that moves as measured shows none of them.
+    """
+    hidden = (*held, *unseen(problem, search))
+    return hidden if too_many(len(hidden), len(held) + len(everything(problem, search)) - 1) else ()
+
+
+def too_many(hidden: int, considered: int) -> bool:
+    """Whether so many hidden causes, of those considered, make finding nothing worthless.
+
+    One of a few that somebody asked for does not: a number of the model may be a few per cent off unseen in any log.
+    """
+    return 0 < hidden == considered or hidden > max(MAX_BLIND_SHARE * considered, 1)
+
+
+def experiment_for_still(
+    runs: Sequence[MeasuredRun],
+    joint: str,
+    models: Sequence[JointModel],
+    limits: Limits | None = None,
+    seed: int = 0,
+    causes: Sequence[str] | None = None,
+) -> Experiment | None:
+    """The measurement to begin with where a joint was never moved: it tells all causes apart, or those named."""
+    units = [Unit(0, FIT_A, 0, len(runs[0].time), 1, (float(runs[0].joints[joint].position[0]), 0.0))]
+    problem = free_problem(runs[:1], joint, models[:1], units, {"position": 1.0 / ASSUMED_NOISE})
+    start = Fit({}, np.empty((0, 4)), 0.0)
+    considered = tuple(catalogue(models[0], causes))
+    search = Search(tuple(adjustable(models[0])), (), (), np.ones(1), (start, start), considered)
+    return propose(problem, search, limits, seed, blind=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...common.errors import SealegsError
+from ..checks.motion import no_load_speed
 from ..checks.stops import Stop
 from ..log.parts import PIECE_LENGTH
 from ..replay.joint_model import JointModel
@@ -151,8 +152,7 @@ def abilities(nominal: JointModel) -> tuple[float, float]:
     if motor is None or supply is None:
         return math.inf, math.inf
     constant = chain.gear_ratio() * motor.motor_constant
-    volts = supply.volts
-    return constant * volts / motor.resistance, volts / (chain.gear_ratio() * motor.back_emf)
+    return constant * supply.volts / motor.resistance, no_load_speed(chain) or math.inf
 
 
 def slewed(goal: np.ndarray, speed: float) -> np.ndarray:

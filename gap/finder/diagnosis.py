@@ -52,9 +52,8 @@ from ..search.result import Search
 from ..search.seek import seek
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
-from ..verdict.decide import decide
+from ..verdict.decide import decide, refuse, refuse_divergence
 from ..verdict.evidence import Refused, Replayed
-from ..verdict.refusal import refuse, refuse_divergence
 from ..verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors, rivals_of
 from ..verdict.words import recording_reasons
 from .imu import beside, diagnose_imu

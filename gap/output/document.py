@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import json
 import math
+from collections import abc
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass, replace
+from itertools import repeat
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from ...common.documents import DocumentError, read_json
 from ...common.errors import SealegsError
 from ..experiment import DetectionLimit, Experiment, read_goals
-from ..log.finding import Finding
 from ..measure.case import Case
 from ..measure.measured import Measured
-from ..measure.named import CERTAIN, Error, NamedCause, OpenCause, Value
-from ..measure.signatures import Signature
-from ..search.structure import Structure
+from ..measure.named import CERTAIN, NamedCause
 from ..verdict.decide import overall as overall_verdict
 from ..verdict.verdict import NOT_IDENTIFIABLE, PARTLY, DataError, JointDiagnosis, Reason, Verdict
 from .extension import changes, not_native
 
 FORMAT_VERSION = 2  # 1 had errors of the log among the causes, and `retuned` for both `gap.refitted` and `tuned`
 FILE = "diagnosis.json"
-T = TypeVar("T")
 
 
 def document_of(diagnoses: Sequence[JointDiagnosis], name: str, runs: Sequence[str]) -> dict[str, Any]:
@@ -94,19 +93,7 @@ def to_document(diagnosis: JointDiagnosis) -> dict[str, Any]:
 
 
 def _cause(cause: NamedCause) -> dict[str, Any]:
-    return {
-        "name": cause.name,
-        "joint": cause.joint,
-        "kind": cause.kind,
-        "sentence": cause.sentence,
-        "share": cause.share,
-        "confidence": cause.confidence,
-        "standing": cause.standing,
-        "parameters": {path: asdict(value) for path, value in cause.parameters.items()},
-        "gain": cause.gain,
-        "rivals": list(cause.rivals),
-        "signatures": [asdict(signature) for signature in cause.signatures],
-    }
+    return {key: value for key, value in asdict(cause).items() if key not in ("picture", "against")}
 
 
 def overall(documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -201,38 +188,14 @@ def joints_of(document: Mapping[str, Any], folder: Path) -> tuple[JointDiagnosis
 
 
 def _joint(row: Mapping[str, Any], folder: Path) -> JointDiagnosis:
-    gap, found = row["gap"], row.get("structure")
-    measured = _made(
-        Measured,
-        row,
-        gap={key: _made(Error, value) for key, value in gap.items() if isinstance(value, dict)},
-        causes=tuple(
-            _made(
-                NamedCause,
-                cause,
-                parameters={path: _made(Value, value) for path, value in cause["parameters"].items()},
-                rivals=tuple(cause["rivals"]),
-                signatures=tuple(_made(Signature, seen) for seen in cause.get("signatures", ())),
-            )
-            for cause in row["causes"]
-        ),
-        open_causes=tuple(_made(OpenCause, cause) for cause in row.get("open_causes", ())),
-        structure=None
-        if found is None
-        else _made(Structure, found, depends_on=tuple((name, share) for name, share in found.get("depends_on", ()))),
-    )
-    findings = tuple(Finding(**finding) for finding in row["findings"])
-    reasons = tuple(_made(Reason, reason) for reason in row["reasons"])
+    errors = {key: value for key, value in row["gap"].items() if isinstance(value, dict)}
     return JointDiagnosis(
-        Case(row["joint"], findings, gap["signal"], gap["unit"], frames=row.get("frames")),
-        Verdict(row["verdict"], row["sentence"], reasons),
-        measured,
-        data_errors=tuple(
-            _made(DataError, error, values={path: _made(Value, value) for path, value in error["values"].items()})
-            for error in row["data_errors"]
-        ),
+        _read(Case, {**row, **{key: row["gap"][key] for key in ("signal", "unit")}}),
+        Verdict(row["verdict"], row["sentence"], _read(tuple[Reason, ...], row["reasons"])),
+        _read(Measured, {**row, "gap": errors}),
+        data_errors=_read(tuple[DataError, ...], row["data_errors"]),
         experiment=_experiment(row.get("next_experiment"), folder),
-        limits=tuple(_made(DetectionLimit, limit) for limit in row.get("limits", ())),
+        limits=_read(tuple[DetectionLimit, ...], row.get("limits", ())),
     )
 
 
@@ -240,16 +203,20 @@ def _experiment(row: Mapping[str, Any] | None, folder: Path) -> Experiment | Non
     if row is None or "file" not in row or not (folder / row["file"]).is_file():
         return None
     _, time, goal = read_goals(folder / row["file"])
-    return _made(Experiment, row, time=time, goal=goal, rivals=tuple(row["rivals"]))
+    return replace(_read(Experiment, {**row, "time": (), "goal": ()}), time=time, goal=goal)
 
 
-def _made(kind: type[T], row: Mapping[str, Any], **other: Any) -> T:
-    """A dataclass from those keys of ``row`` that it has; NaN where JSON has null for a number."""
-    values: dict[str, Any] = {}
-    for item in fields(cast(Any, kind)):
-        if item.name in other:
-            values[item.name] = other[item.name]
-        elif item.name in row:
-            value = row[item.name]
-            values[item.name] = math.nan if value is None and item.type == "float" else value
-    return kind(**values)
+def _read(kind: Any, value: Any) -> Any:
+    """A value of a type from plain data: a dataclass from those keys that it has, NaN for a number that is null."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and is_dataclass(kind):
+        types = get_type_hints(kind)
+        return kind(**{f.name: _read(types[f.name], value[f.name]) for f in fields(kind) if f.name in value})
+    if origin in (UnionType, Union):
+        return None if value is None else _read(next(one for one in inner if one is not NoneType), value)
+    if origin is tuple:
+        each = repeat(inner[0]) if Ellipsis in inner else inner
+        return tuple(_read(one, item) for one, item in zip(each, value, strict=False))
+    if origin in (dict, abc.Mapping):
+        return {key: _read(inner[1], item) for key, item in value.items()}
+    return math.nan if kind is float and value is None else value

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from ..experiment import DetectionLimit
+from ..log.finding import MAX_TOLD
 from ..measure.named import NamedCause, Value
 from ..prepare.frames import DOUBTED
+from ..robot.together import FirstLook
+from ..robot.together import told as told_latency
+from ..search.look import Look
 from ..search.structure import fine
 from ..verdict.verdict import BESIDE, JointDiagnosis, Reason
 from ..verdict.words import size
 from .document import sentences_of
 from .layout import LAYOUT
-from .limits import LEAD, LIMITS, by_family, limits_told
 from .next_step import next_step
 from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
 
 MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of its own from there
+
+LIMITS = "limits"  # code of the reason that lists them all
+LEAD = "Nothing was found. That much could be there unseen, hidden by numbers within their tolerance:"
+MIN_TOLD_NOISES = 1.0  # by which a number must move a joint to be told
+PROVISIONAL = (
+    "A first look, provisional: all usual numbers turned together, and no data held back to judge them. "
+    "The diagnosis without look=true does that."
+)
 
 
 def screen(
@@ -161,3 +174,66 @@ def _wrapped(text: str, width: int, indent: int = 0) -> list[str]:
         break_on_hyphens=False,
     )  # fmt: skip
     return [line.replace(GLUE, " ") for line in lines]
+
+
+# --- up to where each cause would not show, by family: thirty of them in a row are a wall ----------------------------
+
+
+def limits_told(diagnosis: JointDiagnosis) -> Sequence[DetectionLimit]:
+    """The limits of a joint whose verdict lists them; else none."""
+    return diagnosis.limits if any(reason.code == LIMITS for reason in diagnosis.reasons) else ()
+
+
+def by_family(limits: Sequence[DetectionLimit]) -> list[tuple[str, str]]:
+    """Families of causes and their limits as text, in the order in which they come."""
+    families: dict[str, list[str]] = {}
+    for limit in limits:
+        family, _, name = limit.name.partition(".")
+        families.setdefault(family, []).append(f"{name}{limit.sentence.removeprefix(limit.name)}")
+    return [(family, "; ".join(told)) for family, told in families.items()]
+
+
+def limit_rows(limits: Sequence[DetectionLimit]) -> list[dict[str, str]]:
+    """The same as a table: cause, number, what the model has, and below and above which values it would show."""
+    told = []
+    for limit in limits:
+        unit = "" if limit.unit == "1" else f" {limit.unit}"
+        ends = [f"{end:.3g}{unit}" if math.isfinite(end) else "never" for end in (limit.low, limit.high)]
+        believed = f"{limit.nominal:.3g}{unit}" if math.isfinite(limit.nominal) else "none"
+        told.append({"cause": limit.name, "number": limit.number, "model": believed, "low": ends[0], "high": ends[1]})
+    return told
+
+
+# --- a first look: per joint what moves it most, provisional ----------------------------------------------------------
+
+
+def lines_of(found: FirstLook) -> Iterator[str]:
+    """Lines to print: what all joints share, then each joint."""
+    yield PROVISIONAL
+    if found.latency is not None:
+        yield ""
+        yield f"All joints: {told_latency(found.latency)}, at {', '.join(found.latency.joints)}"
+    for joint, seen in found.joints.items():
+        unit = seen.problem.signal[1]
+        before, after, noise = (fine(error, unit) for error in (*seen.errors, seen.problem.noise))
+        yield ""
+        yield f"{joint}: error {before} as believed, {after} with these numbers (noise {noise})"
+        yield from list(_numbers(seen, unit))[:MAX_TOLD] or ["  nothing that would move it by more than the noise"]
+
+
+def _numbers(seen: Look, unit: str) -> Iterator[str]:
+    nominal = seen.problem.models[0]
+    by_path = {p.path: p for p in seen.parameters}
+    for path, moved in seen.effects().items():
+        if moved < MIN_TOLD_NOISES * seen.problem.noise:
+            continue
+        parameter = by_path[path]
+        ends = (seen.found.values[path], *seen.bounds[path])
+        value, low, high = (number(parameter.physical(x, nominal)) for x in ends)
+        of = nominal.unit(parameter.number) if parameter.factor else parameter.unit
+        size = f"{value}{'' if of == '1' else ' ' + of}"
+        believed = number(nominal.value(parameter.number))
+        yield (
+            f"  {seen.causes[path]:25s} {parameter.number} = {size} ({low} to {high}, model {believed}): "
+            f"moves it by {fine(moved, unit)}"
+        )

@@ -33,8 +33,7 @@ from ..search.structure import listed
 from .columns import commanded
 from .pieces import chain_of, cut_joint, nominal_replays
 
-OTHERS_ERROR_RATIO = 1.2  # times that error, to which it may rise at other joints, and of this joint in any run
-PLAINER_ERROR_RATIO = 0.8  # of the error with plainer frames, to which others must bring it to be preferred
+ALIKE_ERROR_RATIO = 1.2  # times an error up to which another is as good: at other joints, in any run
 ZERO_ROUNDS = 3  # times that the zeros of taken frames are fitted, each in the light of the others
 SETTLED_ZERO = 1e-3  # [rad] by which none moves any more
 ZERO, OFFSET = "sensor.offset", "encoder.offset"
@@ -208,7 +207,7 @@ def _as_replayed(machine: Machine, compared: Compared) -> Trial:
     first, *others = (Trial(proposed, _missed(machine.in_frames(proposed.frames))) for proposed in compared.proposed)
     chosen = first
     for other in others:
-        if _together(other.missed) <= PLAINER_ERROR_RATIO * _together(chosen.missed):  # not where a replay diverged
+        if ALIKE_ERROR_RATIO * _together(other.missed) <= _together(chosen.missed):  # not where a replay diverged
             chosen = other
     return chosen
 
@@ -228,7 +227,7 @@ def _refined(machine: Machine, robot: LoggedRobot, trial: Trial) -> Trial:
         if max(map(abs, moved.values())) < SETTLED_ZERO:
             break
     fitted = Trial(replace(trial.proposed, frames=frames), _missed(machine.in_frames(frames)))
-    return fitted if PLAINER_ERROR_RATIO * _together(fitted.missed) < _together(trial.missed) else trial
+    return fitted if _together(fitted.missed) < ALIKE_ERROR_RATIO * _together(trial.missed) else trial
 
 
 def _offset(machine: Machine, joint: str) -> float:
@@ -301,11 +300,11 @@ def _nearer(before: Missed, after: Missed) -> bool:
     def whole(missed: Missed, joint: str) -> float:
         return sum(run[joint] for run in missed)
 
-    if any(whole(after, joint) > OTHERS_ERROR_RATIO * whole(before, joint) for joint in joints):
+    if any(whole(after, joint) > ALIKE_ERROR_RATIO * whole(before, joint) for joint in joints):
         return False
     return any(
         whole(after, joint) < OTHER_ERROR_RATIO * whole(before, joint)
-        and all(now[joint] <= OTHERS_ERROR_RATIO * then[joint] for then, now in zip(before, after, strict=True))
+        and all(now[joint] <= ALIKE_ERROR_RATIO * then[joint] for then, now in zip(before, after, strict=True))
         for joint in joints
     )
 

@@ -20,14 +20,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..experiment import Experiment
+from ..log.finding import Finding
+from ..measure.case import Case
 from ..measure.confidence import THRESHOLDS, Adrift, Thresholds
+from ..measure.measured import Measured
 from ..measure.named import CERTAIN, WITHDRAWN, NamedCause, OpenCause
 from ..measure.signatures import disagreeing
 from ..measure.unseen import first
-from ..replay.problem import OF_A_ROBOT
+from ..replay.problem import OF_A_ROBOT, JointProblem, diverged
 from ..search.structure import listed
 from .evidence import Evidence, Refused, Replayed
-from .verdict import BESIDE, EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, WORST_FIRST, Reason, Verdict
+from .verdict import (
+    BESIDE,
+    EXPLAINED,
+    NOT_IDENTIFIABLE,
+    NOTHING,
+    PARTLY,
+    UNUSABLE,
+    WORST_FIRST,
+    JointDiagnosis,
+    Reason,
+    Verdict,
+)
 from .words import (
     TOLD_SHARE,
     also,
@@ -400,3 +415,30 @@ def _refused(found: Refused) -> Verdict:
     first = f"{start}: {found.reason.partition('; ')[0].partition('. ')[0].rstrip('.')}."
     sentence = first if len(first.split()) <= MAX_SENTENCE_WORDS else f"{start}; the reason is given below."
     return Verdict(name, sentence, (Reason("refused", found.reason),))
+
+
+def refuse(
+    joint: str,
+    why: Refused,
+    findings: Sequence[Finding] = (),
+    experiment: Experiment | None = None,
+    signal: str = "",
+    unit: str = "rad",
+    unexplained: float = 1.0,
+) -> JointDiagnosis:
+    """The diagnosis of what cannot be judged."""
+    verdict = decide(why)
+    case = Case(joint, tuple(findings), signal or f"{joint}.position", unit)
+    return JointDiagnosis(case, verdict, Measured(unexplained=unexplained), experiment=experiment)
+
+
+def refuse_divergence(problem: JointProblem, joint: str) -> Refused | None:
+    """Why a joint cannot be judged whose replay with the nominal model leaves all bounds; None where it does not."""
+    if not diverged(problem.simulate([{}])[0]):
+        return None
+    why = (
+        f"its nominal model leaves all bounds even in steps of {1e3 * problem.step:g} ms: it is driven away from its "
+        "goal, or damping and stiffness are too large for its inertia; check direction, gains, damping and armature in "
+        "the robot's file and the chain"
+    )
+    return Refused(f"'{joint}'", why, usable=True)

@@ -19,8 +19,7 @@ from sealegs.gap.log import read_measured
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.types import MeasuredSet
-from sealegs.gap.prepare.checking import check_log
-from sealegs.gap.prepare.whole_goals import with_whole_goals
+from sealegs.gap.prepare.checking import check_log, with_whole_goals
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import TIGHT
 

@@ -6,11 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...measure.named import NamedCause
+from ...search.structure import told_in
 from ..layout import LAYOUT
 from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, filled, limits
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
-from .timeline import fine, timeline, worst_window
+from .timeline import timeline, worst_window
 
 UNITS = {"speed": "rad/s", "control error": "rad", "motor torque": "N.m", "acceleration": "rad/s2", "position": "rad"}
 
@@ -35,7 +36,7 @@ def response(evidence: Evidence, cause: NamedCause) -> Figure:
     over_time.set_ylabel(f"{line.quantity} [{line.unit}]")
     legend_above(over_time, 4)
 
-    factor, unit = fine(line.unit)
+    factor, unit = told_in(line.unit)
     what = cause.against
     values = _variable(evidence, what)
     rows = evidence.motion.judged & np.isfinite(values)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from ...causes.friction import BRISTLE
+from ...checks.signal import DERIVATIVE_WINDOW, derivatives
+from ...load.resting import REVERSAL_SPEED
 from ...load.terms import E_BIAS, E_COUPLING, E_INERTIA, E_SIZE
 from ...replay.constants import K
 from ...replay.driven_simulator import law_along
@@ -22,13 +23,10 @@ from ...replay.joint_model import JointModel
 from ...replay.parameters import address
 from ...replay.problem import JointProblem
 from ...replay.simulator import CHANNELS, combine
+from ...search.settings import DEFAULT
 from ...verdict.verdict import JointDiagnosis
 
-DERIVATIVE_SECONDS = 0.08
-"""[s] of the parabolas that give speed and acceleration: long against the noise, short against the motion."""
-LEAST_SAMPLES = 7
-MIN_MOVING_SPEED = 0.03  # [rad/s] above this, and with one sign over the whole window, a joint counts as moving
-MIN_CORRELATION = 0.8  # least correlation of a logged current or duty with the model's, for it to be taken as it is
+SMOOTHING_WINDOW = 2.0 * DERIVATIVE_WINDOW  # [s] over which accelerations are read: a picture shows single samples
 DUTY, CURRENT = CHANNELS.index("duty"), CHANNELS.index("current")
 
 
@@ -37,7 +35,7 @@ class Motion:
     """Smoothed log of one joint, per sample of the problem (n,).
 
     Attributes:
-        position, speed, acceleration: from parabolas over :data:`DERIVATIVE_SECONDS` [rad, rad/s, rad/s2].
+        position, speed, acceleration: from cubics over :data:`SMOOTHING_WINDOW` [rad, rad/s, rad/s2].
         duty, current: logged ones, smoothed alike; None where they were not logged throughout.
         judged: samples that count.
         moving: of these, where the joint moves one way over the whole window.
@@ -146,28 +144,24 @@ class Evidence:
 
 
 def smooth(problem: JointProblem) -> Motion:
-    """Local parabolas through the positions of each unit, and averages of duty and current over the same windows."""
+    """Local cubics through the positions of each unit, and through duty and current over the same windows."""
     n = len(problem.time)
     out = np.zeros((3, n))
     extra = {c: np.full(n, np.nan) for c in (DUTY, CURRENT) if np.isfinite(problem.measured[:, c]).mean() > 0.95}
     moving = np.zeros(n, bool)
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         time = problem.time[a:b]
-        step = float(np.median(np.diff(time))) if b - a > 1 else 1.0
-        width = max(round(DERIVATIVE_SECONDS / step), LEAST_SAMPLES) // 2 * 2 + 1
+        width = max(round(SMOOTHING_WINDOW / float(np.median(np.diff(time)))), 1) if b - a > 1 else 1
         if b - a <= width:
             continue
-        grid = np.arange(time[0], time[-1] + 0.5 * step, step)
-        position = np.interp(grid, time, np.asarray(problem.measured[a:b, 0]))
-        for order in range(3):
-            filtered = np.asarray(savgol_filter(position, width, 2, deriv=order, delta=step))
-            out[order, a:b] = np.interp(time, grid, filtered)
+        out[:, a:b] = derivatives(time, problem.measured[a:b, 0], SMOOTHING_WINDOW)
         for c, values in extra.items():
-            held = np.interp(grid, time, problem.measured[a:b, c])
-            values[a:b] = np.interp(time, grid, np.asarray(savgol_filter(held, width, 2)))
-        fast = np.sign(out[1, a:b]) * (np.abs(out[1, a:b]) > MIN_MOVING_SPEED)
-        run = np.convolve(fast, np.ones(width), "same")
-        moving[a:b] = np.abs(run) == width
+            known = np.isfinite(problem.measured[a:b, c])
+            if known.any():
+                logged = np.interp(time, time[known], problem.measured[a:b, c][known])
+                values[a:b] = derivatives(time, logged, SMOOTHING_WINDOW)[0]
+        fast = np.sign(out[1, a:b]) * (np.abs(out[1, a:b]) > REVERSAL_SPEED)
+        moving[a:b] = np.abs(np.convolve(fast, np.ones(width), "same")) == width
     judged = problem.judged & np.isfinite(problem.measured[:, 0])
     return Motion(out[0], out[1], out[2], extra.get(DUTY), extra.get(CURRENT), judged, judged & moving)
 
@@ -259,4 +253,5 @@ def _agrees(logged: np.ndarray | None, at: slice, law: np.ndarray) -> bool:
     if logged is None or not np.all(np.isfinite(logged[at])) or np.std(logged[at]) == 0.0 or np.std(law) == 0.0:
         return False
     same = float(np.corrcoef(logged[at], law)[0, 1])
-    return same > MIN_CORRELATION and 0.5 < same * float(np.std(logged[at]) / np.std(law)) < 2.0
+    slope = same * float(np.std(logged[at]) / np.std(law))
+    return same > DEFAULT.column_agreement and DEFAULT.column_least_slope < slope < DEFAULT.column_most_slope

@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...log.types import MeasuredRun
+from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
 from ..layout import LAYOUT
 from ..numbers import percent
 from .style import CAUSES, COLOURS, NAMES, NOISE, SHARED, TUNED, UNEXPLAINED, figure, legend_above, styled
-from .timeline import Timeline, fine, timeline, worst_window
+from .timeline import Timeline, timeline, worst_window
 
 GOAL = "#9a9a9a"
 UNEXPLAINED_LABEL, NOISE_LABEL = "unexplained", "noise"
@@ -84,7 +85,7 @@ def over_time(signals: Axes, errors: Axes, line: Timeline, diagnosis: JointDiagn
     start, stop = stretch(line)
     at = np.flatnonzero((line.x >= start) & (line.x <= stop))
     x = line.x[at] - start
-    factor, unit = fine(line.unit)
+    factor, unit = told_in(line.unit)
     if line.goal is not None:
         signals.plot(x, line.goal[at], color=GOAL, lw=1.0, ls="--", label="goal")
     signals.plot(x, line.measured[at], color=COLOURS["measured"], lw=2.6, label=NAMES["measured"])
@@ -109,7 +110,7 @@ def stretch(line: Timeline) -> tuple[float, float]:
 
 def waterfall(axes: Axes, diagnosis: JointDiagnosis, slices: list[Slice]) -> None:
     """The nominal model's error, what each finding takes away of it, and what is left; squares, as these add up."""
-    factor, unit = fine(diagnosis.unit)
+    factor, unit = told_in(diagnosis.unit)
     errors = {name: factor * item.rmse for name, item in diagnosis.gap.items()}
     noise = sum(piece.share for piece in slices if piece.label == NOISE_LABEL)
     left = [piece for piece in slices if piece.label in (UNEXPLAINED_LABEL, NOISE_LABEL)]

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
 from ..layout import LAYOUT
 from .style import (
@@ -19,7 +20,7 @@ from .style import (
     figure,
     styled,
 )
-from .timeline import Timeline, fine, timeline
+from .timeline import Timeline, timeline
 
 BESIDE = "#c4c4c4"  # what is shown for comparison
 
@@ -44,7 +45,7 @@ def overview(diagnosis: JointDiagnosis) -> Figure | None:
         borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
     )  # fmt: skip
 
-    factor, unit = fine(line.unit)
+    factor, unit = told_in(line.unit)
     noise = factor * diagnosis.gap["noise_floor"].rmse if "noise_floor" in diagnosis.gap else 0.0
     for name, values in thin.models.items():
         error.plot(

@@ -120,11 +120,6 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
     )
 
 
-def fine(unit: str) -> tuple[float, str]:
-    """Factor and unit in which errors are told: thousandths of radians and metres, anything else as it is."""
-    return (1e3, f"m{unit}") if unit in ("rad", "m") else (1.0, unit)
-
-
 def worst_window(line: Timeline, width: float) -> tuple[float, float]:
     """Span of the test part, at most ``width`` seconds long, where the nominal model is most wrong."""
     error = line.models.get("nominal", line.measured) - line.measured

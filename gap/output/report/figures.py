@@ -7,10 +7,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from ...experiment import Experiment
+from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
 from ..layout import LAYOUT
 from ..pictures.style import COLOURS, EXTENDED, NAMES, TEST_SHADE
-from ..pictures.timeline import fine, timeline, worst_window
+from ..pictures.timeline import timeline, worst_window
 
 CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
 DASH = {"nominal": "solid", "refitted": "dot", "extended": "solid"}
@@ -27,7 +28,7 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
     if line is None or not len(line.x):
         return None
     thin = line.thinned(max(LAYOUT.page_samples // joints, LAYOUT.plot_samples))
-    factor, unit = fine(line.unit)
+    factor, unit = told_in(line.unit)
     chart = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.56, 0.44], vertical_spacing=0.06)
     x = _small(thin.x)
     if thin.goal is not None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +10,7 @@ import numpy as np
 
 from ....actuators.stages import stage_of
 from ...checks.imu import IMU
-from ...experiment import Experiment
+from ...experiment import Experiment, goal_table
 from ...ground.ground import GROUND
 from ...log.parts import FIT_A, FIT_B, TEST
 from ...log.types import MeasuredRun, MeasuredSet
@@ -21,18 +19,16 @@ from ...replay.parameters import address
 from ...replay.problem import Problem
 from ...robot.search import ROBOT
 from ...search.result import Search
+from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
 from ..extension import changes as changes_of
 from ..extension import not_native, readable
 from ..layout import LAYOUT
-from ..limits import LIMITS, limits_told
-from ..limits import rows as limit_rows
 from ..numbers import glued, number, percent, rounded, sureness, unit_of
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
 from ..pictures.first_look import as_logged, first_look, in_words
 from ..pictures.signatures import told
-from ..pictures.timeline import fine
-from ..terminal import doubts
+from ..terminal import LIMITS, doubts, limit_rows, limits_told
 from .figures import excitation, signals
 
 MODELS = {
@@ -109,7 +105,7 @@ def _robot(found: Mapping[str, Any], diagnoses: Sequence[JointDiagnosis]) -> dic
     alone = {item.joint: item.gap["extended"].rmse for item in diagnoses if "extended" in item.gap}
     rows, apart = [], []
     for name, item in found.get("joints", {}).items():
-        factor, unit = fine(item["unit"])
+        factor, unit = told_in(item["unit"])
         row = {key: number(factor * item[key], 3) for key in ("nominal", "extended")}
         row["alone"] = number(factor * alone[name], 3) if name in alone else ""
         rows.append({"joint": name, "unit": unit, **row})
@@ -159,7 +155,7 @@ def _joint(
 
 
 def _gap(diagnosis: JointDiagnosis) -> dict[str, Any]:
-    factor, unit = fine(diagnosis.unit)
+    factor, unit = told_in(diagnosis.unit)
     nominal, floor = diagnosis.gap.get("nominal"), diagnosis.gap.get("noise_floor")
     rows = []
     for key, (name, about) in MODELS.items():
@@ -299,17 +295,13 @@ def _rounds(search: Search) -> list[dict[str, Any]]:
 
 
 def _experiment(proposal: Experiment, joint: str) -> dict[str, Any]:
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["time", f"{joint}.goal"])
-    rows.writerows(zip(np.round(proposal.time, 6), np.round(proposal.goal, 6), strict=True))
     table = sorted(proposal.table.items(), key=lambda item: -item[1])
     top = max([value for _, value in table], default=0.0) or 1.0
     return {
         "name": proposal.name,
         "sentence": glued(proposal.sentence),
         "plot": excitation(proposal),
-        "file": f"data:text/csv;base64,{base64.b64encode(text.getvalue().encode()).decode()}",
+        "file": f"data:text/csv;base64,{base64.b64encode(goal_table(proposal, joint).encode()).decode()}",
         "table": [
             {
                 "name": name,

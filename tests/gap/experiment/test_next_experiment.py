@@ -22,8 +22,8 @@ from sealegs.gap.experiment import (
     read_goals,
     write_experiment,
 )
+from sealegs.gap.experiment.detection import too_many
 from sealegs.gap.experiment.excitations import GRAVITY_STALL_SHARE, abilities, excitations, slewed
-from sealegs.gap.experiment.exposure import too_many
 from sealegs.gap.experiment.proposal import Hypothesis, everything, experiment_sentence, kept_within
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.sidecar import read_sidecar

@@ -23,8 +23,8 @@ from sealegs.gap.log.finding import Finding
 from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.search.journal import keeping
+from sealegs.gap.verdict.decide import refuse
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from tests.raising import raising

@@ -29,8 +29,8 @@ from sealegs.gap.robot.judged import with_robot
 from sealegs.gap.robot.search import ROBOT
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure
+from sealegs.gap.verdict.decide import refuse
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed import hidden_hopper

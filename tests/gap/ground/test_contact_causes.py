@@ -27,8 +27,8 @@ from sealegs.gap.output.extension import write_extension
 from sealegs.gap.output.files import fresh_folder, write_diagnosis
 from sealegs.gap.output.pictures import cause_pictures
 from sealegs.gap.search.fit import fit
+from sealegs.gap.verdict.decide import refuse
 from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.refusal import refuse
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
 
 from testbed import hidden_hopper

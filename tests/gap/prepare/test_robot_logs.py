@@ -21,8 +21,8 @@ from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.measure.measured import whole_fit
+from sealegs.gap.prepare.checking import with_whole_goals
 from sealegs.gap.prepare.pieces import cut_joint
-from sealegs.gap.prepare.whole_goals import with_whole_goals
 from sealegs.gap.replay.tree import held_terms, not_free
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search

@@ -13,7 +13,7 @@ from sealegs.gap.prepare.resting import without_rests
 from sealegs.gap.replay.problem import converged, diverged
 from sealegs.gap.replay.scene import touches_of
 from sealegs.gap.replay.tree import motion_of, not_free, terms_of
-from sealegs.gap.verdict.refusal import refuse_divergence
+from sealegs.gap.verdict.decide import refuse_divergence
 
 from tests.logged_robots import free_replay, nominal_error, robot, two_link_run
 

@@ -14,7 +14,7 @@ from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.finder.diagnosis import diagnose, first_look
 from sealegs.gap.measure.harm import harm_of
 from sealegs.gap.output.extension import changes
-from sealegs.gap.output.look import lines_of
+from sealegs.gap.output.terminal import lines_of
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.robot.search import ROBOT
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
