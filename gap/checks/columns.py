@@ -9,6 +9,7 @@ import numpy as np
 from ..load.efforts import EFFORTS, predicted
 from ..log.finding import Finding
 from ..log.types import Array
+from .bootstrap import NORMAL_OVER_MEDIAN
 from .context import JointContext
 from .motion import velocity_unit
 from .signal import FOLLOWS_SHARE, MIN_SAMPLES, Lag, derivatives, fit_lag, quantisation_step, same_unit
@@ -32,7 +33,6 @@ def check_columns(joint: JointContext) -> Iterator[Finding]:
 
 def _stuck(joint: JointContext) -> Iterator[Finding]:
     position = joint.motion[0]
-    enabled = joint.log.enabled is None or joint.log.enabled >= 0.5
     for signal in ("velocity", "link_position", "duty", "current", "torque"):
         values = getattr(joint.log, signal)
         if values is None:
@@ -50,17 +50,12 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         length = joint.time[ends] - joint.time[starts]
         # from end to end: along its way, the noise of a joint at rest adds up
         moved = np.maximum.reduceat(position, starts) - np.minimum.reduceat(position, starts)
-        if signal == "velocity":  # it stays as long as the slope of the position does
-            way = [position[a : b + 1] - values[a] * joint.time[a : b + 1] for a, b in zip(starts, ends, strict=True)]
-            moved = np.minimum(moved, [np.ptp(beyond) for beyond in way])
-        held = _at_an_end(np.abs(values[starts])) if signal == "duty" else False
-        off = ~(np.broadcast_to(enabled, values.shape)[starts])
-        # Dry friction holds a torque, so only motion well beyond noise shows that a column no longer follows.
-        stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & ~np.asarray(held) & ~off
-        if signal in ("duty", "current", "torque") and values[starts][stuck].size:
-            stuck &= (values[starts] != 0.0) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
-        if signal in ("current", "torque"):
-            stuck &= _should_change(joint, values, starts, ends) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
+        stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & joint.on[starts]
+        if stuck.any():
+            throughout = length > 0.5 * (joint.time[-1] - joint.time[0])
+            if signal in EFFORTS:  # of which a dead band gives none
+                stuck &= (values[starts] != 0.0) | throughout
+            stuck &= _should_change(joint, values, starts, ends)
         if stuck.any():
             worst = int(np.argmax(np.where(stuck, length, 0.0)))
             yield Finding(
@@ -72,35 +67,27 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
 
 
 def _should_change(joint: JointContext, values: Array, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Whether an effort should have left its value in each stretch (s,), by what it does elsewhere.
+    """Whether a column should have left its value in each stretch (s,), by what it does elsewhere.
 
-    At constant speed a current is constant, and one of coarse steps shows no change for long.
+    At constant speed a current is constant, one of coarse steps shows no change for long, dry friction holds a torque,
+    and a drive its limit.
     """
     speed = joint.velocity
     away = np.zeros(len(speed)) if joint.log.goal is None else joint.log.goal - joint.log.position
-    columns = [away, speed, np.tanh(speed / joint.moving_speed), joint.motion[2], np.sin(joint.motion[0])]
-    terms = np.stack([*columns, np.ones(len(speed))], axis=1)
+    position, _, acceleration = joint.motion
+    direction = np.tanh(speed / joint.moving_speed)
+    terms = np.stack((away, speed, direction, acceleration, position, np.sin(position), np.ones(len(speed))), axis=1)
     good = np.isfinite(values) & np.isfinite(terms).all(axis=1)
-    if good.sum() < 100:
+    for a, b in zip(starts, ends, strict=True):  # what may be stuck does not tell what it should be
+        good[a : b + 1] &= joint.time[b] - joint.time[a] <= STUCK_SECONDS
+    if good.sum() < MIN_SAMPLES:
         return np.ones(len(starts), bool)
     scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
     said = np.nan_to_num(terms / scale) @ np.linalg.lstsq(terms[good] / scale, values[good], rcond=None)[0]
-    scatter = float(np.median(np.abs(values[good] - said[good]))) / 0.6745
+    scatter = NORMAL_OVER_MEDIAN * float(np.median(np.abs(values[good] - said[good])))
+    said = np.clip(said, np.nanmin(values), np.nanmax(values))
     changes = np.array([np.ptp(said[a : b + 1]) for a, b in zip(starts, ends, strict=True)])
-    return changes > max(4.0 * quantisation_step(values), 4.0 * scatter)
-
-
-def _at_an_end(duty: Array) -> Array:
-    """Which of the sizes of the duty, one per stretch in which it stays, are its limit or its least one.
-
-    A drive holds its limit, and one that starts with a least duty holds that one in slow motion, time and again. That
-    it comes back to it tells it from a reading that was not updated.
-    """
-    moving = duty[duty > 0.0]
-    if moving.size == 0:
-        return np.zeros(duty.shape, bool)
-    least = duty == moving.min()
-    return (duty >= 0.98 * np.nanmax(duty)) | (least & (least.sum() >= 3))
+    return changes > 4.0 * max(quantisation_step(values), scatter)
 
 
 def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
