@@ -51,11 +51,9 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         # from end to end: along its way, the noise of a joint at rest adds up
         moved = np.maximum.reduceat(position, starts) - np.minimum.reduceat(position, starts)
         stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & joint.on[starts]
-        if stuck.any():
-            throughout = length > 0.5 * (joint.time[-1] - joint.time[0])
-            if signal in EFFORTS:  # of which a dead band gives none
-                stuck &= (values[starts] != 0.0) | throughout
-            stuck &= _should_change(joint, values, starts, ends)
+        if signal in EFFORTS:  # of which a dead band gives none
+            stuck &= (values[starts] != 0.0) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
+        stuck[stuck] = _should_change(joint, values, list(zip(starts[stuck], ends[stuck] + 1, strict=True)))
         if stuck.any():
             worst = int(np.argmax(np.where(stuck, length, 0.0)))
             yield Finding(
@@ -66,28 +64,35 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def _should_change(joint: JointContext, values: Array, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Whether a column should have left its value in each stretch (s,), by what it does elsewhere.
+def _should_change(joint: JointContext, values: Array, stretches: Sequence[tuple[int, int]]) -> list[bool]:
+    """Whether a column should have left its value in each stretch, by what it does elsewhere.
 
     At constant speed a current is constant, one of coarse steps shows no change for long, dry friction holds a torque,
     and a drive its limit.
     """
-    speed = joint.velocity
+    if not stretches:
+        return []
+    position, speed, acceleration = joint.motion
     away = np.zeros(len(speed)) if joint.log.goal is None else joint.log.goal - joint.log.position
-    position, _, acceleration = joint.motion
     direction = np.tanh(speed / joint.moving_speed)
     terms = np.stack((away, speed, direction, acceleration, position, np.sin(position), np.ones(len(speed))), axis=1)
-    good = np.isfinite(values) & np.isfinite(terms).all(axis=1)
-    for a, b in zip(starts, ends, strict=True):  # what may be stuck does not tell what it should be
-        good[a : b + 1] &= joint.time[b] - joint.time[a] <= STUCK_SECONDS
-    if good.sum() < MIN_SAMPLES:
-        return np.ones(len(starts), bool)
-    scale = np.maximum(np.abs(terms).max(axis=0), 1e-12)
-    said = np.nan_to_num(terms / scale) @ np.linalg.lstsq(terms[good] / scale, values[good], rcond=None)[0]
-    scatter = NORMAL_OVER_MEDIAN * float(np.median(np.abs(values[good] - said[good])))
-    said = np.clip(said, np.nanmin(values), np.nanmax(values))
-    changes = np.array([np.ptp(said[a : b + 1]) for a, b in zip(starts, ends, strict=True)])
-    return changes > 4.0 * max(quantisation_step(values), scatter)
+    terms = np.nan_to_num(terms / np.maximum(np.nanmax(np.abs(terms), axis=0), 1e-12))
+    known = np.isfinite(values) & np.isfinite(away)
+    others = known.copy()
+    for a, b in stretches:
+        others[a:b] = False
+    found = []
+    for a, b in stretches:
+        beside = known & ((np.arange(len(known)) < a) | (np.arange(len(known)) >= b))
+        good = others if others.sum() >= MIN_SAMPLES else beside
+        if good.sum() < MIN_SAMPLES:
+            found.append(True)
+            continue
+        said = terms @ np.linalg.lstsq(terms[good], values[good], rcond=None)[0]
+        scatter = NORMAL_OVER_MEDIAN * float(np.median(np.abs(values[good] - said[good])))
+        change = float(np.ptp(np.clip(said[a:b], np.nanmin(values), np.nanmax(values))))
+        found.append(change > 4.0 * max(quantisation_step(values), scatter))
+    return found
 
 
 def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:

@@ -140,7 +140,7 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
             f"(noise {floor})."
         )
         return Verdict(EXPLAINED, sentence, (agreement,))
-    limits = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
+    limits = _noticed(found)
     if found.structure.noticed and found.measured.adrift is not None and found.measured.adds_up(limit):
         limits = (_added_up(found, found.measured.adrift),)
     if found.limits:
@@ -194,8 +194,7 @@ def _refitted(found: Replayed) -> Verdict:
         f"The model that is handed over is the nominal one with {found.measured.turned}: on data that nothing was "
         f"fitted to it is {after} off (noise {floor}). Which of these numbers is meant is not identifiable.",
     )
-    rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
-    return Verdict(NOT_IDENTIFIABLE, sentence, (why, *rest))
+    return Verdict(NOT_IDENTIFIABLE, sentence, (why, *_noticed(found)))
 
 
 def _beside_causes(found: Replayed) -> list[Reason]:
@@ -275,6 +274,21 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     return Verdict(NOT_IDENTIFIABLE, sentence, (*verdict.reasons, still))
 
 
+def _falls(found: Replayed, how: str = "", doubt: str = "") -> str:
+    names = listed([cause.name for cause in found.causes])
+    return f"With {names} the error falls {how}{change(found)}{doubt}."
+
+
+def _noticed(found: Replayed) -> tuple[Reason, ...]:
+    """The structure that is left, where there is any."""
+    return (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
+
+
+def _rivals(found: Replayed) -> tuple[Reason, ...]:
+    """What else the data would allow, where they do."""
+    return (Reason("rivals", also(found.causes)),) if any(cause.rivals for cause in found.causes) else ()
+
+
 def _named(found: Replayed) -> float:
     """Share of the gap that the causes are said to explain."""
     return sum(cause.share for cause in found.causes)
@@ -304,13 +318,7 @@ def _outweighed(found: Replayed) -> Verdict:
         f"{what} {100.0 * share:.0f} % of the gap of '{found.joint}' (error {fall(found)}); "
         f"perhaps {subject(found.causes)} {100.0 * _named(found):.0f} % ({certainty(found.causes)})."
     )
-    why = f"With {listed([cause.name for cause in found.causes])} the error falls {change(found)}."
-    reasons = [Reason("outweighed", why)]
-    if found.structure.noticed:
-        reasons.append(Reason("structure", found.structure.sentence))
-    if any(cause.rivals for cause in found.causes):
-        reasons.append(Reason("rivals", also(found.causes)))
-    return Verdict(NOT_IDENTIFIABLE, sentence, tuple(reasons))
+    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("outweighed", _falls(found)), *_noticed(found), *_rivals(found)))
 
 
 def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause) -> Verdict:
@@ -321,11 +329,7 @@ def _beside(found: Replayed, certain: Sequence[NamedCause], doubtful: NamedCause
         f"{subject(certain)} {verb(certain, 'is', 'are')} certain at '{found.joint}': error "
         f"{fall(found)}, {certainty(certain)}; beside {them} perhaps {others}."
     )
-    names = listed([cause.name for cause in found.causes])
-    reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
-    if found.structure.noticed:
-        reasons.append(Reason("structure", found.structure.sentence))
-    return Verdict(PARTLY, sentence, (*reasons, Reason("rivals", also(found.causes))))
+    return Verdict(PARTLY, sentence, (Reason("error", _falls(found)), *_noticed(found), *_rivals(found)))
 
 
 def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
@@ -340,8 +344,7 @@ def _rivalled(found: Replayed, doubtful: NamedCause) -> Verdict:
         f"{alike} ({certainty([doubtful])}){unexplained}."
     )
     why = f"The data fit {others}{place} about as well. The error falls {change(found)}."
-    rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
-    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("rivals", why), *rest))
+    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("rivals", why), *_noticed(found)))
 
 
 def _feeble(found: Replayed) -> Verdict:
@@ -349,8 +352,7 @@ def _feeble(found: Replayed) -> Verdict:
         f"{subject(found.causes)} {verb(found.causes, 'removes', 'remove')} little of the gap of '{found.joint}': "
         f"error {fall(found)}; the rest has no known cause."
     )
-    why = f"With {listed([cause.name for cause in found.causes])} the error falls only {change(found)}."
-    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("feeble", why), Reason("structure", found.structure.sentence)))
+    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("feeble", _falls(found, "only ")), *_noticed(found)))
 
 
 def _guessed(found: Replayed) -> Verdict:
@@ -358,25 +360,21 @@ def _guessed(found: Replayed) -> Verdict:
         f"The gap of '{found.joint}' may come from {subject(found.causes)}, as a guess "
         f"({certainty(found.causes)}): error {fall(found)}."
     )
-    why = f"With {listed([cause.name for cause in found.causes])} the error falls {change(found)}."
+    why = _falls(found)
     refitted, unit = found.measured.gap["refitted"].rmse, found.structure.unit
     if refitted <= found.measured.gap["extended"].rmse:
         why += f" The numbers that the model has, refitted up to fivefold, do as well: {size(refitted, unit)}."
-    rest = (Reason("structure", found.structure.sentence),) if found.structure.noticed else ()
-    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("guessed", why), *rest))
+    return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("guessed", why), *_noticed(found)))
 
 
 def _explained(found: Replayed) -> Verdict:
-    causes, (firm, doubted) = found.causes, firmly(found.causes)
+    firm, doubted = firmly(found.causes)
     who, does = _beside_numbers(found, firm)
     sentence = f"{who} {does} the gap of '{found.joint}': error {fall(found)}, {certainty(firm)}{doubted}."
-    names = listed([cause.name for cause in causes])
-    reasons = [Reason("error", f"With {names} the error falls {change(found)}.")]
+    reasons = [Reason("error", _falls(found))]
     if found.structure.noticed and found.measured.adrift is not None and found.measured.only_starts():
         reasons.append(_added_up(found, found.measured.adrift))
-    if any(cause.rivals for cause in causes):
-        reasons.append(Reason("rivals", also(causes)))
-    return Verdict(EXPLAINED, sentence, tuple(reasons))
+    return Verdict(EXPLAINED, sentence, (*reasons, *_rivals(found)))
 
 
 def _partly(found: Replayed, sure: bool) -> Verdict:
@@ -392,15 +390,7 @@ def _partly(found: Replayed, sure: bool) -> Verdict:
         shares = f"{100.0 * left:.0f} % of the gap of '{found.joint}', {subject(firm)} {100.0 * _named(found):.0f} %"
         sentence = f"No known cause explains {shares}: error {fall(found)}, {certainty(firm)}{doubted}."
     doubt = "" if sure else f", if {'that is the cause' if len(causes) == 1 else 'those are the causes'} at all"
-    names = listed([cause.name for cause in causes])
-    return Verdict(
-        PARTLY,
-        sentence,
-        (
-            Reason("error", f"With {names} the error falls {change(found)}{doubt}."),
-            Reason("structure", rest.sentence),
-        ),
-    )
+    return Verdict(PARTLY, sentence, (Reason("error", _falls(found, doubt=doubt)), *_noticed(found)))
 
 
 # --- refusal ------------------------------------------------------------------------------------------------------
