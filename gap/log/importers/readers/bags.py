@@ -1,8 +1,12 @@
-"""ROS bags, 1 and 2, and MCAP files: joint states are the rows, and commands hold their last value there."""
+"""ROS bags, 1 and 2, and MCAP files: joint states are the rows, and commands hold their last value there.
+
+A topic says what joints measured, what they were told, or numbers whose names say what they are. A controller's state
+is two topics: what it measured, and what it told.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +18,33 @@ from .....common.extras import needed_for
 from ...types import Array, LogError
 from ..clocks import offset_note
 from ..recording import MOST_OF_THEM, Recording
-from .robots import Robots, is_led, robots_of
-from .topics import CONTROLLER, DYNAMIC, JOINT_STATE, TRAJECTORY, Topic, commands, joint_of, numbers, short
-from .trajectories import laid_out, trajectory_of
+from .robots import is_led, robots_of
+from .topics import (
+    CONTROLLER,
+    DYNAMIC,
+    JOINT_STATE,
+    TRAJECTORY,
+    Topic,
+    commands,
+    joint_of,
+    laid_out,
+    numbers,
+    short,
+    trajectory_of,
+)
 
 ENDINGS = (".bag", ".db3", ".mcap")
-MEASURED_FIELDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
-COMMANDED_FIELDS = {"position": "goal", "effort": "torque_command"}
+MEASURED = {"position": "position", "velocity": "velocity", "effort": "torque"}
+COMMANDED = {"position": "goal", "velocity": "goal_velocity", "effort": "torque_command"}
 """Signals by the fields of joint states, measured and commanded."""
-UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m", "positions": "rad", "velocities": "rad/s"}
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
+POINT_FIELDS = {"positions": "position", "velocities": "velocity", "effort": "effort"}
+"""Fields of joint states by those of a point of a trajectory."""
 REFERENCE, FEEDBACK = ("reference", "desired"), ("feedback", "actual")
 """Parts of a controller's state that say what it commands, and what it measured: by the new and by the old
 definition."""
-REFERENCE_FIELDS = {"positions": "goal", "velocities": "goal_velocity"}
-POINT_FIELDS = {"positions": "position", "velocities": "velocity", "effort": "effort"}
-"""Fields of joint states by those of a point of a trajectory."""
+STATES = (CONTROLLER, DYNAMIC, JOINT_STATE)
+"""Types of messages that say what joints measured, the best last."""
 
 
 def is_bag(path: Path) -> bool:
@@ -59,20 +75,21 @@ def read_bag(path: Path) -> list[Recording]:
     except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise LogError(f"{path}: cannot be read as a bag: {reason}") from None
+    unknown = {c.topic: c.msgtype for c in used if c not in known}
     left = {short(name): "its messages have no numbers of joints that are read" for name in messages
             if messages[name].silent}  # fmt: skip
-    unknown = {c.topic: c.msgtype for c in used if c not in known}
     left |= {short(name): f"the bag does not say how {kind} is laid out; converted to MCAP (`ros2 bag convert`) it does"
              for name, kind in unknown.items()}  # fmt: skip
     topics, notes = _on_one_clock({name: own for name, own in messages.items() if not own.silent})
-    main, stands_in = _main(path, topics, kinds, unknown)
-    table = _Table(topics, main)
-    table.merge()
+    states, others = _by_role(topics, left)
+    main, stands_in = _main(states, left)
+    if main is None:
+        raise LogError(f"{path}: {_without_states(kinds, unknown)}")
+    table = _Table(states, main, left)
+    table.merge(others)
     name = path.stem if path.is_file() else path.name
-    notes = [*table.notes, *stands_in, *notes]
-    left = table.left | left
-    return [Recording(name, table.columns, path, "ros", roles=table.roles, notes=tuple(notes), units=table.units,
-                      left=left)]  # fmt: skip
+    return [Recording(name, table.columns, path, "ros", roles=table.roles, units=table.units, left=left,
+                      notes=(*table.notes, *stands_in, *notes))]  # fmt: skip
 
 
 def _of_joints(topic: str, kind: str) -> bool:
@@ -93,15 +110,11 @@ class _Messages:
         self.content: list[Any] = []
 
     @property
-    def paths(self) -> bool:
-        return self.kind == TRAJECTORY
-
-    @property
     def silent(self) -> bool:
         return not any(self.content)
 
     def take(self, logged: float, message: Any) -> None:
-        content = trajectory_of(message) if self.paths else dict(numbers(message))
+        content = trajectory_of(message) if self.kind == TRAJECTORY else dict(numbers(message))
         if content is None:
             return
         stamp = getattr(getattr(message, "header", None), "stamp", None)
@@ -114,7 +127,7 @@ class _Messages:
         time = np.array(self.times)[:, clock]
         order = [k for k in np.argsort(time, kind="stable") if np.isfinite(time[k]) and self.content[k]]
         content = [self.content[k] for k in order]
-        if self.paths:
+        if self.kind == TRAJECTORY:
             return Topic(self.kind, pd.DataFrame(index=time[order]), tuple(content))
         return Topic(self.kind, pd.DataFrame(content, index=time[order]).dropna(axis=1, how="all"))
 
@@ -128,7 +141,7 @@ def _on_one_clock(messages: Mapping[str, _Messages]) -> tuple[dict[str, Topic], 
     """
     missing = {name: np.isnan([stamp for _, stamp in own.times]) for name, own in messages.items()}
     bare = [name for name, none in missing.items()
-            if none.mean() > (0.0 if messages[name].paths else MOST_OF_THEM)]  # fmt: skip
+            if none.mean() > (0.0 if messages[name].kind == TRAJECTORY else MOST_OF_THEM)]  # fmt: skip
     notes = ["times are the stamps of the messages"]
     notes += [f"{none.sum()} messages of {name} without a stamp are left out" for name, none in missing.items()
               if none.any()]  # fmt: skip
@@ -137,112 +150,114 @@ def _on_one_clock(messages: Mapping[str, _Messages]) -> tuple[dict[str, Topic], 
     return {name: own.topic(0 if bare else 1) for name, own in messages.items()}, notes
 
 
-def _main(
-    path: Path, topics: dict[str, Topic], kinds: Mapping[str, str], unknown: Mapping[str, str]
-) -> tuple[str, list[str]]:
-    """The topic whose messages are the rows of the log, and notes: most joint states with positions, or what stands in.
+def _by_role(topics: Mapping[str, Topic], left: dict[str, str]) -> tuple[dict[str, Topic], dict[str, Topic]]:
+    """Topics of what joints measured, and all others, what controllers say that they command first."""
+    states: dict[str, Topic] = {}
+    told: dict[str, Topic] = {}
+    for name, topic in sorted(
+        topics.items(), key=lambda one: (not one[1].is_a(CONTROLLER), bool(one[1].paths), one[0])
+    ):
+        if not topic.is_a(CONTROLLER):
+            (states if topic.is_a(*STATES) and not commands(name) else told)[name] = topic
+            continue
+        parts: dict[str, dict[str, str]] = {}
+        for field in map(str, topic.frame):
+            rest, _, last = field.rpartition(".")
+            joint, _, part = rest.rpartition(".")
+            if part in REFERENCE + FEEDBACK and last in POINT_FIELDS:
+                parts.setdefault(part, {})[field] = f"{joint}.{POINT_FIELDS[last]}"
+            else:
+                left[f"{short(name)}.{part}"] = "a value within the controller, which the log has no column for"
+        for part in parts:
+            own: Any = topic.frame[list(parts[part])]
+            if part in FEEDBACK:
+                states[f"{name}/{part}"] = Topic(topic.kind, own.rename(columns=parts[part]))
+            else:
+                told[name] = Topic(topic.kind, own, fields=parts[part])
+    return states, told
 
-    Raises:
-        LogError: nothing says a position.
+
+def _main(states: dict[str, Topic], left: dict[str, str]) -> tuple[str | None, list[str]]:
+    """The topic whose messages are the rows of the log, and notes; None where nothing says a position.
+
+    Joint states go before what stands in for them, which is then told. What several controllers measured is one topic:
+    a joint that two have is of the first.
     """
-    without = f"the bag has no {JOINT_STATE} with positions"
-    measured = {name: topic for name, topic in topics.items() if topic.with_positions() and not commands(name)}
 
-    def rank(name: str) -> tuple[bool, int, str]:  # an arm that is led by hand comes last
-        return not is_led(short(name).replace(".", "_")), len(topics[name].frame), name
+    def rank(name: str) -> tuple[int, bool, int, str]:  # an arm that is led by hand comes last
+        topic = states[name]
+        place = next(k for k, kind in enumerate(STATES) if topic.is_a(kind))
+        return place, not is_led(short(name).replace(".", "_")), len(topic.frame), name
 
-    if found := [name for name, topic in measured.items() if topic.is_a(JOINT_STATE)]:
-        return max(found, key=rank), []
-    if found := [name for name, topic in measured.items() if topic.is_a(DYNAMIC)]:
-        return max(found, key=rank), [f"{without}: {', '.join(found)} stands in"]
-    if feedback := _feedback(topics):
-        name = f"{next(iter(feedback))}/feedback" if len(feedback) == 1 else "/controllers/feedback"
-        topics[name] = Topic(JOINT_STATE, pd.concat(feedback.values()).sort_index(kind="stable"))
-        return name, [f"{without}: {name} stands in, which is what {', '.join(feedback)} measured"]
-    there = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items())[:6]) or "nothing"
-    if unknown:
-        there = ", ".join(f"{name} ({kind})" for name, kind in unknown.items())
-        raise LogError(
-            f"{path}: has no {JOINT_STATE} with positions, and its storage does not say how {there} is laid out; "
-            "record the joint states beside, or convert the bag to MCAP, which carries definitions (`ros2 bag "
-            "convert` where ROS knows these types)."
-        )
-    raise LogError(f"{path}: has no {JOINT_STATE} with positions; it holds {there}.")
-
-
-def _parts(field: str) -> tuple[str, str, str]:
-    """Joint, part and field of a number of a controller's state, as of ``elbow.reference.positions``."""
-    rest, _, last = field.rpartition(".")
-    joint, _, part = rest.rpartition(".")
-    return joint, part, last
+    main = max((name for name, topic in states.items() if topic.with_positions()), key=rank, default=None)
+    if main is None:
+        return None, []
+    kind = STATES[rank(main)[0]]
+    if kind == CONTROLLER and len(states) > 1:
+        frames: dict[str, Any] = {}
+        for name in sorted(states):
+            taken = {joint_of(str(field)) for frame in frames.values() for field in frame}
+            own = states[name].frame
+            frames[name] = own[[field for field in own if joint_of(str(field)) not in taken]]
+        names, main = ", ".join(frames), "/controllers/feedback"
+        states.clear()
+        states[main] = Topic(JOINT_STATE, pd.concat(frames.values()).sort_index(kind="stable"))
+        return main, [f"the bag has no {JOINT_STATE} with positions: what {names} measured stands in"]
+    for name in [name for name, topic in states.items() if not topic.is_a(kind)]:
+        more = [joint for joint in states.pop(name).with_positions() if joint not in states[main].with_positions()]
+        has = f", which does not have {', '.join(more)}" if more else ": it has its joints"
+        left[short(name)] = f"{main} is taken{has}"
+    return main, [f"the bag has no {JOINT_STATE} with positions: {main} stands in"] * (kind != JOINT_STATE)
 
 
-def _feedback(topics: Mapping[str, Topic]) -> dict[str, pd.DataFrame]:
-    """What controllers measured, by topic, as joint states have it: a joint that several have is of the first."""
-    found: dict[str, pd.DataFrame] = {}
-    taken: set[str] = set()
-    for name, topic in topics.items():
-        fields = {field: _parts(str(field)) for field in topic.frame} if topic.is_a(CONTROLLER) else {}
-        own = {field: f"{joint}.{POINT_FIELDS[last]}" for field, (joint, part, last) in fields.items()
-               if part in FEEDBACK and last in POINT_FIELDS and joint not in taken}  # fmt: skip
-        if any(field.endswith(".position") for field in own.values()):
-            measured: Any = topic.frame[list(own)]
-            found[name] = measured.rename(columns=own)
-            taken |= {*map(joint_of, own.values())}
-    return found
+def _without_states(kinds: Mapping[str, str], unknown: Mapping[str, str]) -> str:
+    there = ", ".join(f"{name} ({kind})" for name, kind in sorted((unknown or kinds).items())[:6]) or "nothing"
+    if not unknown:
+        return f"has no {JOINT_STATE} with positions; it holds {there}."
+    return (
+        f"has no {JOINT_STATE} with positions, and its storage does not say how {there} is laid out; record the joint "
+        "states beside, or convert the bag to MCAP, which carries definitions (`ros2 bag convert` where ROS knows "
+        "these types)."
+    )
 
 
 class _Table:
     """The table that topics make: joint states are its rows, and commands hold their last value there."""
 
-    def __init__(self, topics: Mapping[str, Topic], main: str) -> None:
-        self.topics, self.main = topics, main
+    def __init__(self, states: Mapping[str, Topic], main: str, left: dict[str, str]) -> None:
+        self.states, self.main, self.left = states, main, left
         self.time: Array = np.zeros(0)
         self.columns: dict[str, Array] = {}
         self.roles: dict[str, str] = {}
         self.units: dict[str, str] = {}
-        self.left: dict[str, str] = {}
         self.notes: list[str] = []
+        self.commanded: list[str] = []  # columns that say a command
+        self.goals: dict[str, str] = {}  # column by joint, of controllers
 
-    def merge(self) -> None:
+    def merge(self, others: Mapping[str, Topic]) -> None:
         """All topics at the times of the joint states."""
-        apart = {name: why for name, topic in self.topics.items() if (why := self._apart(topic))}
+        apart = {name: why for name, topic in (self.states | others).items() if (why := self._apart(topic))}
         self.left |= {short(name): why for name, why in apart.items()}
-        near = {name: topic for name, topic in sorted(self.topics.items()) if name not in apart}
-        measured = {name: topic for name, topic in near.items()
-                    if name == self.main or (topic.is_a(JOINT_STATE) and not commands(name))}  # fmt: skip
-        robots = robots_of(measured, self.main)
-        self._rows(robots.joints[self.main])
-        for name in robots.joints:
+        near = {name: topic for name, topic in self.states.items() if name not in apart}
+        self.robots = robots_of(near, self.main)
+        self._rows(self.robots.joints[self.main])
+        for name, joints in self.robots.joints.items():
             if name != self.main:
-                called = ", ".join(robots.joints[name].values())
-                led = any(map(is_led, robots.joints[name].values()))
+                led = any(map(is_led, joints.values()))
                 what = "led by hand" if led else "of another robot"
+                called = ", ".join(joints.values())
                 self.notes.append(f"{name} is {what}, for its joints have the same names: {called}")
-                self._without(self._measured(name, robots.joints[name], led=led), f"{name} has no value")
-        for name, topic in near.items():
-            if topic.is_a(CONTROLLER):
-                self._controller(name, topic, robots)
-            elif topic.is_a(DYNAMIC) and name != self.main:
-                more = [joint for joint in topic.with_positions() if joint not in robots.joints[self.main]]
-                has = f", which does not have {', '.join(more)}" if more else ": it has its joints"
-                self.left[short(name)] = f"{self.main} is taken{has}"
-            elif name not in robots.joints and not topic.paths:
-                self._command(name, topic, robots)
-        for name, topic in near.items():
-            if topic.paths:
-                self._trajectories(name, topic, robots)
-        commanded = [values for column, values in self.columns.items() if self._commands(column)]
-        first = max((int(np.argmax(np.isfinite(values))) for values in commanded), default=0)
+                self._without(self._measured(name, joints, led=led), f"{name} has no value")
+        again = {name: topic for name, topic in near.items() if name not in self.robots.joints}
+        for name, topic in (again | dict(others)).items():
+            if name not in apart:
+                self._told(name, topic)
+        first = max((int(np.argmax(np.isfinite(self.columns[name]))) for name in self.commanded), default=0)
         if first:
             self.notes.append(f"the first {first} samples, before the first command, are left out")
             self._cut(np.arange(len(self.time)) >= first)
 
-    def _commands(self, column: str) -> bool:
-        told = self.roles.get(column, "").rpartition(".")[2]
-        return told == "goal" or (not told and commands(column)) or told == "torque_command"
-
-    def _add(self, column: str, values: Array, joint: str = "", signal: str = "", unit: str = "") -> None:
+    def _add(self, column: str, values: Array, joint: str, signal: str, unit: str) -> None:
         self.columns[column] = values
         if joint and signal:
             self.roles[column] = f"{joint.replace('/', '_')}.{signal}"
@@ -255,7 +270,7 @@ class _Table:
 
     def _apart(self, topic: Topic) -> str:
         """Why a topic cannot be held at the times of the joint states; empty where the two overlap."""
-        main, own = self.topics[self.main].time, topic.time
+        main, own = self.states[self.main].time, topic.time
         last = max((start + path.after[-1] for start, path in zip(own, topic.paths, strict=False)), default=own[-1])
         gap = max(float(own[0] - main[-1]), float(main[0] - last))
         when = "after the last" if own[0] > main[-1] else "before the first"
@@ -267,18 +282,16 @@ class _Table:
     def _rows(self, names: Mapping[str, str]) -> None:
         """The joint states: rows, and their numbers; joints that only other messages name are brought onto these
         rows."""
-        topic = self.topics[self.main]
+        topic = self.states[self.main]
         lead, rest = topic.leading()
         rows: Any = topic.frame[lead]
         rows = rows[~rows.index.duplicated()]
         self.time = rows.index.to_numpy(np.float64)
-        self._add("stamp", self.time, unit="s")
+        self._add("stamp", self.time, "", "", "s")
         self.roles["stamp"] = "time"
         self.notes.append(f"samples are the messages of {self.main}")
-        there = self._measured(self.main, names, rows, rest)
-        among = [
-            joint for joint in rest if any(name.startswith(f"{short(self.main)}.{joint}.") for name in self.columns)
-        ]
+        there = self._measured(self.main, names, rows.drop(columns=[f for f in rows if joint_of(str(f)) in rest]))
+        among = [joint for joint in rest if any(joint_of(name).endswith(f".{joint}") for name in self.columns)]
         if among:
             self.notes.append(
                 f"messages of {self.main} name joints in turn: samples are those of the most joints, and "
@@ -289,26 +302,24 @@ class _Table:
         self._without(there, "not all joints were measured")
 
     def _measured(
-        self, name: str, names: Mapping[str, str], rows: pd.DataFrame | None = None, rest: Sequence[str] = (),
-        led: bool = False,
-    ) -> NDArray[np.bool_]:  # fmt: skip
+        self, name: str, names: Mapping[str, str], rows: pd.DataFrame | None = None, led: bool = False
+    ) -> NDArray[np.bool_]:
         """Take what joint states measured, linear between their messages where these are not the rows themselves.
 
         Args:
             name: of the topic.
             names: of its joints in the log.
-            rows: messages that are the rows; None where none is.
-            rest: joints that only other messages name.
+            rows: messages that are the rows, with the fields that they have; None where none is.
             led: whether the arm is led by hand: what it measures is what the other one is told, and holds.
 
         Returns:
             Where all that is linear has a value.
         """
-        topic, there = self.topics[name], np.full(len(self.time), True)
+        topic, there = self.states[name], np.full(len(self.time), True)
         for field in map(str, topic.frame):
             joint, _, last = field.rpartition(".")
             column = f"{short(name)}.{field}"
-            if rows is not None and joint not in rest:
+            if rows is not None and field in rows:
                 values = rows[field].to_numpy(np.float64)
             else:
                 values = topic.in_force(field, self.time)[0] if led else topic.between(field, self.time)
@@ -318,7 +329,7 @@ class _Table:
                     continue
                 there &= np.isfinite(values)
             if np.isfinite(values).any():
-                self._add(column, values, names.get(joint, joint), MEASURED_FIELDS.get(last, ""), UNITS.get(last, ""))
+                self._add(column, values, names.get(joint, joint), MEASURED.get(last, ""), UNITS.get(last, ""))
         return there
 
     def _without(self, there: NDArray[np.bool_], why: str) -> None:
@@ -329,73 +340,45 @@ class _Table:
 
     # --- what was commanded ------------------------------------------------------------------------------------------
 
-    def _held(self, name: str, topic: Topic, field: str) -> Array:
-        """A command at the rows: the one that was in force over most of each."""
-        values, late = topic.in_force(field, self.time)
-        if commands(name) and late > 1e-9 and (note := offset_note(name, f"{1e3 * late:.3g} ms")) not in self.notes:
-            self.notes.append(note)
-        return values
+    def _told(self, name: str, topic: Topic) -> None:
+        """A topic that is no state: joint states, trajectories and controllers say goals and torques of joints, other
+        numbers what their names say."""
+        of_joints = topic.is_a(CONTROLLER, TRAJECTORY) or (topic.is_a(JOINT_STATE) and commands(name))
+        fields = {field: topic.fields.get(field, field) for field in map(str, topic.frame)}
+        laid: dict[str, Array] = {}
+        if topic.paths:
+            laid = self._laid_out(name, topic)
+            fields = {f"{joint}.goal": f"{joint}.position" for joint in laid}
+        for field, meant in fields.items():
+            joint, _, last = meant.rpartition(".")
+            column, unit = f"{short(name)}.{field}", UNITS.get(last, "") if of_joints else ""
+            owner = self.robots.owner(name, joint) if unit else None
+            own, signal = (owner[1], COMMANDED[last]) if owner else ("", "")
+            by = self.goals.get(own, "") if signal else ""
+            if by and not by.startswith(f"{short(name)}."):
+                # what a controller says that it commanded is better than what it was asked for
+                self.left[column] = f"{by} is its goal as well, and is taken"
+                continue
+            values, late = topic.in_force(field, self.time) if not laid else (laid[joint], 0.0)
+            if commands(name) and late > 1e-9 and (note := offset_note(name, f"{1e3 * late:.3g} ms")) not in self.notes:
+                self.notes.append(note)
+            if not np.isfinite(values).any():
+                continue
+            self._add(column, values, own, signal, unit)
+            if signal or commands(column):
+                self.commanded.append(column)
+            if signal == "goal" and topic.is_a(CONTROLLER):
+                self.goals[own] = column
 
-    def _command(self, name: str, topic: Topic, robots: Robots) -> None:
-        """A topic that is no state: its joint states are goals and torques, other numbers what their names say."""
-        of_joints = topic.is_a(JOINT_STATE) and commands(name)
-        for field in map(str, topic.frame):
-            joint, _, last = field.rpartition(".")
-            owner = robots.owner(name, joint) if of_joints and last in MEASURED_FIELDS else None
-            signal = COMMANDED_FIELDS.get(last, "") if owner else ""
-            unit = UNITS.get(last, "") if of_joints else ""
-            values = self._held(name, topic, field)
-            if np.isfinite(values).any():
-                self._add(f"{short(name)}.{field}", values, owner[1] if owner else joint, signal, unit)
-
-    def _controller(self, name: str, topic: Topic, robots: Robots) -> None:
-        """What a controller says that it commands, as goals of the joints that the joint states have."""
-        for field in map(str, topic.frame):
-            joint, part, last = _parts(field)
-            column, state, own = f"{short(name)}.{field}", *(robots.owner(name, joint) or ("", joint))
-            signal = REFERENCE_FIELDS.get(last, "") if part in REFERENCE else ""
-            values = self._held(name, topic, field) if signal else np.zeros(0)
-            if part in FEEDBACK:
-                why = "" if self.main.endswith("/feedback") else f"{state} says what these joints measured"
-                self.left |= {f"{short(name)}.{part}": why} if why else {}
-            elif not signal:
-                self.left[f"{short(name)}.{part}"] = "a value within the controller, which the log has no column for"
-            elif joint not in robots.joints.get(state, {}):
-                self._add(column, values)
-            elif f"{short(state)}.{joint}.position" not in self.columns:
-                self.left[f"{short(name)}.{joint}"] = f"{state} has its position along too few of the samples"
-            elif taken := self._goal_of(own, f"{short(name)}.{joint}.{part}.") if signal == "goal" else "":
-                self.left[f"{short(name)}.{joint}.{part}"] = f"{taken} is its goal as well, and is taken"
-            elif signal == "goal":
-                self._add(column, values, own, signal, UNITS[last])
-            elif (goal := self._goal_of(own)) and goal.startswith(f"{short(name)}."):
-                if np.isnan(values[np.isfinite(self.columns[goal])]).any():  # it would cost the samples between
-                    self.left[column] = "it begins after the goal"
-                else:
-                    self._add(column, values, own, signal, UNITS[last])
-
-    def _goal_of(self, joint: str, but: str = "") -> str:
-        """The column that is the goal of a joint already; empty where there is none."""
-        goal = f"{joint.replace('/', '_')}.goal"
-        others = (name for name, role in self.roles.items() if role == goal)
-        return next((name for name in others if not (but and name.startswith(but))), "")
-
-    def _trajectories(self, name: str, topic: Topic, robots: Robots) -> None:
-        """The goals of a topic of trajectories, laid out in time."""
-        owners = {joint: robots.owner(name, joint) or ("", "") for path in topic.paths for joint in path.joints}
-        measured = {joint: self.columns[column] for joint, (state, _) in owners.items()
-                    if (column := f"{short(state)}.{joint}.position") in self.columns}  # fmt: skip
-        added = False
-        for joint, goal in laid_out(topic.paths, topic.time, self.time, measured).items():
-            own, taken = owners[joint][1], self._goal_of(owners[joint][1])
-            if any(f".{part}." in taken for part in REFERENCE):
-                # what the controller says that it commanded is better than what it was asked for
-                self.left[f"{short(name)}.{joint}"] = f"points on the way to {taken}, which is taken"
-            elif np.isfinite(goal).any():
-                self._add(f"{short(name)}.{joint}.goal", goal, own, "goal", UNITS["position"])
-                added = True
-        if added:
-            self.notes.append(
-                f"goals of {name} go to its points, each `time_from_start` after its message, from the goal before or, "
-                "at first, the measured position"
-            )
+    def _laid_out(self, name: str, topic: Topic) -> dict[str, Array]:
+        """Goals of trajectories by joint."""
+        measured = {}
+        for joint in dict.fromkeys(joint for path in topic.paths for joint in path.joints):
+            owner = self.robots.owner(name, joint)
+            if owner and (column := f"{short(owner[0])}.{joint}.position") in self.columns:
+                measured[joint] = self.columns[column]
+        self.notes.append(
+            f"goals of {name} go to its points, each `time_from_start` after its message, from the goal before or, at "
+            "first, the measured position"
+        )
+        return laid_out(topic.paths, topic.time, self.time, measured)
