@@ -278,20 +278,7 @@ def test_stamps_of_a_timedelta_run_on_over_days(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.columns["column1_s"], seconds, atol=2e-6)
 
 
-@pytest.mark.parametrize("late", [0.0, 1.0])
-def test_a_goal_with_a_slower_clock_of_its_own_is_held(tmp_path: Path, late: float) -> None:
-    """It was left out, for it has fewer samples."""
-    own = np.flatnonzero(late <= TIME)[::5]
-    measured, wanted = {"Time": TIME, "Data": ANGLE}, {"Time": TIME[own], "Data": GOAL[own]}
-    savemat(tmp_path / "run.mat", {"q_meas": measured, "q_ref": wanted})
-    (recording,) = read_recordings(tmp_path / "run.mat")
-    held = recording.columns["q_ref.Data"]
-    np.testing.assert_array_equal(held[own[0] : own[0] + 10], np.repeat(GOAL[own[:2]], 5))
-    assert np.isnan(held[: own[0]]).all() and "q_ref.Time" not in recording.columns
-    assert any("is held until its next one" in note for note in recording.notes)
-
-
-def test_a_measured_signal_with_a_slower_clock_is_left_out(tmp_path: Path) -> None:
+def test_a_signal_with_a_slower_clock_is_left_out(tmp_path: Path) -> None:
     slow = {"Time": TIME[::5], "Data": ANGLE[::5]}
     savemat(tmp_path / "run.mat", {"q_meas": {"Time": TIME, "Data": ANGLE}, "tau_meas": slow})
     (recording,) = read_recordings(tmp_path / "run.mat")

@@ -122,15 +122,6 @@ def test_bytes_are_no_text(tmp_path: Path) -> None:
             read_recordings(tmp_path / "run.csv")
 
 
-def test_grouped_thousands_are_numbers(tmp_path: Path) -> None:
-    english = [f"{1e3 * t:,.1f}" for t in TIME]
-    german = [cell.translate(str.maketrans(",.", ".,")) for cell in english]
-    text = rows(german, cells(GOAL, True), cells(POSITION, True), separator=";")
-    check(written(tmp_path, "Zeit_ms;Soll_Grad;Ist_Grad\n" + text, "german.csv"), "Zeit_ms*1e-3")
-    text = rows((f'"{cell}"' for cell in english), cells(GOAL), cells(POSITION))
-    check(written(tmp_path, "t_ms,goal_deg,pos_deg\n" + text, "english.csv"), "t_ms*1e-3")
-
-
 def test_decimal_commas_between_commas_are_read(tmp_path: Path) -> None:
     quoted = ([f'"{cell}"' for cell in cells(values, True)] for values in (TIME, GOAL, POSITION))
     check(written(tmp_path, "t,goal_deg,pos_deg\n" + rows(*quoted)))
@@ -182,11 +173,6 @@ def test_prints_of_a_microcontroller_are_read(tmp_path: Path) -> None:
     check(written(tmp_path, "".join(json), "lines.txt"))
     brackets = (f"[{t:.3f}, {g:.4f}, {q:.4f}]\n" for t, g, q in zip(TIME, GOAL, POSITION, strict=True))
     check(written(tmp_path, "t,goal_deg,pos_deg\n" + "".join(brackets), "brackets.txt"))
-    day = datetime(2024, 5, 1, 12)
-    stamps = [(day + timedelta(seconds=float(t) + 0.001)).strftime("%H:%M:%S.%f")[:-3] for t in TIME]
-    lines = "t,goal_deg,pos_deg\n" + rows(cells(TIME), cells(GOAL), cells(POSITION))
-    text = "".join(f"{s} -> {line}\n" for s, line in zip([stamps[0], *stamps], lines.splitlines(), strict=True))
-    check(written(tmp_path, text, "monitor.txt"))
 
 
 def test_a_last_line_that_was_cut_off_is_left_out_and_a_bad_one_is_named(tmp_path: Path) -> None:

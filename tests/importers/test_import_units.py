@@ -187,14 +187,6 @@ def sized(sizes: dict[str, float], form: str = "{}_{}") -> dict[str, np.ndarray]
     return columns
 
 
-def test_an_encoder_of_one_joint_tells_the_unit_of_those_that_are_called_alike(tmp_path: Path) -> None:
-    columns = sized({"0": 60.0, "1": 3.0})
-    columns["pos_0"] = np.round(columns["pos_0"] / (360.0 / 4096)) * 360.0 / 4096
-    found = propose_for(table(tmp_path, columns), tmp_path / "out")
-    assert not found.mapping.questions and found.mapping.columns["joint1.goal"] == "goal_1*pi/180"
-    assert "in the unit of pos_0, whose steps are an encoder's" in " ".join(found.text.replace("#", "").split())
-
-
 @pytest.mark.parametrize("last", ["gripper", "opening"])
 def test_a_share_or_an_opening_of_a_gripper_decides_nothing_for_the_arm(tmp_path: Path, last: str) -> None:
     for low, high in ((0.0, 100.0), (0.0, 1.0)):

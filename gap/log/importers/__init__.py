@@ -21,7 +21,7 @@ from .dialects import dialects
 from .expression import column
 from .lines import ASK
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
-from .one_run import joined, paired
+from .one_run import check_runs, paired
 from .positions import PERCENT
 from .proposal import Proposal, propose
 from .readers import read_recordings, read_source
@@ -185,7 +185,8 @@ def _read(source: Path, joints: Collection[str]) -> tuple[list[Recording], list[
     found, without = read_source(source)
     found = paired(found, source) or found
     alike = _alike(found)
-    return joined(alike, joints, source), [one for one in found if one not in alike], without
+    check_runs(alike, joints, source)
+    return alike, [one for one in found if one not in alike], without
 
 
 def import_logs(

@@ -33,8 +33,6 @@ STAMP = re.compile(r"(?P<stem>.*?)[._/ -]?(?:(?P<whole>[sS]ecs?)|(?P<ms>(?i:mill
                    r"|(?P<ns>(?i:nano|n)(?i:secs?)))?")  # fmt: skip
 """A stamp in two columns: its whole seconds, and the part of a second by its unit."""
 PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
-HELD = frozenset(["goal", "goal_velocity", "torque_command", "enabled"])
-"""Signals that hold until the next one is sent."""
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,12 @@ import numpy as np
 from ....actuators.chain import LIBRARY, load_chain
 from ....actuators.published import DRIVES, as_recorded
 from ..types import BESIDE_GOAL
-from .expression import names_in, quoted
+from .expression import names_in
 from .names import Claim
 from .proposal import Proposal
 from .recording import Recording
 
 Chain = str | list[dict[str, Any]]
-USUAL_GAIN_SHARE = 0.7
-"""Share of the rows from which a gain is the drive's; the other rows are left out."""
 GAIN_UNITS = {"stiffness": "N.m/rad", "damping": "N.m.s/rad"}
 PLAIN_UNITS = ("rad", "m", "rad/s", "m/s", "N.m", "N")
 """Units of columns in which gains are in N.m/rad and N.m.s/rad."""
@@ -72,9 +70,8 @@ def impedance_chains(
 ) -> dict[str, list[dict[str, Any]]]:
     """Chains of joints whose stiffness and damping the recordings have in columns.
 
-    Rows with other ones are left out where these are few, as at a start. A joint whose gains change more has no chain:
-    then only the whole torque says what its drive was told. Nor has one whose columns are in degrees or turns: nobody
-    says whether its gains are, too.
+    A joint whose gains change has none: then only the whole torque says what its drive was told. Nor has one whose
+    columns are in degrees or turns: nobody says whether its gains are, too.
 
     Args:
         recordings: of one kind.
@@ -96,17 +93,14 @@ def impedance_chains(
             register = "" if beside else "; where it is a register of a servo, replace the chain under sidecar"
             out.unused[gain.column] = f"the {what} of {joint}'s chain [{GAIN_UNITS[what]}]{register}"
         changing = [gain for gain in (stiffness, damping) if gain.share < 1.0]
-        if stiffness.value <= 0.0 or any(gain.share < USUAL_GAIN_SHARE for gain in changing):
-            for gain in changing or (stiffness,):
-                out.unused[gain.column] = (
-                    f"it is {gain.value:g} in {gain.share:.0%} of the rows, so no chain holds for {joint}: compute the "
-                    f"torque that its drive was told and give it as {joint}.torque_command, without the goal"
-                )
+        for gain in changing:
+            out.unused[gain.column] = (
+                f"it is {gain.value:g} in {gain.share:.0%} of the rows, so no chain holds for {joint}: leave the "
+                "others out under where and write the chain under sidecar, or compute the torque that its drive was "
+                f"told and give it as {joint}.torque_command, without the goal"
+            )
+        if changing or stiffness.value <= 0.0:
             continue
-        for gain in changing:  # as at a start, when a host holds its motors soft
-            out.unused[gain.column] += f"; rows in which it is not {gain.value:g} are left out"
-            same = f"max(1-abs(sign({quoted(gain.column)}-{gain.value!r})), 0)"
-            out.keep.setdefault(joint, []).append(same)
         limit = {"torque_limit": limits[joint]} if limits and joint in limits else {}
         drive = {"stiffness": stiffness.value, "damping": damping.value, **limit}
         chains[joint] = [{"ideal": drive | ({"feedforward": 1} if beside else {})}]

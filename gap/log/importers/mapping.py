@@ -157,7 +157,6 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     for name, cells in list(table.items()):
         if name.endswith(".enabled") and (cells > 0.5).all():  # on throughout is what its absence says
             del table[name]
-    table = _in_order(table)
     check_columns(list(table), recording.source)
     said = checked_parts(filled(mapping.sidecar, recording), f"{where}: sidecar of the mapping")
     joints = {name.rpartition(".")[0] for name in table if name.rpartition(".")[2] in SIGNAL_UNITS}
@@ -223,18 +222,6 @@ def _known_factors(mapping: Mapping, name: str) -> list[str]:
     if "hold(" in text:
         return [f"known({text})"]
     return [f"known({quoted(one)})" for one in names_in(text) if one not in ("pi", ROW, *mapping.constants)]
-
-
-def _in_order(table: dict[str, Array]) -> dict[str, Array]:
-    """Columns as the format lists them, joint by joint."""
-    joints = list(dict.fromkeys(name.rpartition(".")[0] for name in table if name != "time"))
-    signals = list(SIGNAL_UNITS)
-
-    def place(name: str) -> tuple[int, int]:
-        joint, _, signal = name.rpartition(".")
-        return (-1, 0) if name == "time" else (joints.index(joint), signals.index(signal) if signal in signals else 99)
-
-    return {name: table[name] for name in sorted(table, key=place)}
 
 
 def filled(content: Any, recording: Recording) -> Any:

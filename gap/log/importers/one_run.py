@@ -33,8 +33,8 @@ def paired(recordings: Sequence[Recording], source: Path) -> list[Recording]:
     return [_beside(*pair, source) for pair in pairs if pair] if all(pairs) else []
 
 
-def joined(recordings: list[Recording], joints: Collection[str], source: Path) -> list[Recording]:
-    """The recordings as they are where each is a run; the one recording that they are where each is one joint of it.
+def check_runs(recordings: list[Recording], joints: Collection[str], source: Path) -> None:
+    """Refuse recordings that look like a joint each of one recording.
 
     Args:
         recordings: of one folder, with the same columns.
@@ -42,26 +42,21 @@ def joined(recordings: list[Recording], joints: Collection[str], source: Path) -
         source: the folder.
 
     Raises:
-        LogError: they look like a joint each of one recording, and their clocks do not say which samples belong
-            together, or nobody says that they are called as the joints.
+        LogError: two or more are called as joints of the robot, or their clocks say that all were made at one time.
     """
     if len(recordings) < 2 or not source.is_dir() or _name_joints(recordings[0]):
-        return recordings
+        return
     known = {bare(joint): joint for joint in joints}
     called = [known[bare(one.name)] for one in recordings if bare(one.name) in known]
     clock = find_clock(recordings[0]).name
     times = [one.columns[clock] for one in recordings if clock in one.columns]
-    if len(called) < 2 and not (not called and together(times) and _differ(recordings, clock)):
-        return recordings
-    if times and len(set(called)) == len(recordings) and all(np.array_equal(time, times[0]) for time in times):
-        return [_join(recordings, called, clock, source)]
-    files = ", ".join(one.source.name for one in recordings[:3]) + (", ..." if len(recordings) > 3 else "")
-    why = "" if called else "say robot= with a file whose joints are called so, or "
-    raise LogError(
-        f"{source}: {files} look like a file for each joint of one recording, and not like runs, and their clocks are "
-        f"not the same; {why}join them into one table with columns "
-        f"{called[0] if called else recordings[0].name}.position, ..., or import each file on its own."
-    )
+    if len(called) > 1 or (not called and together(times) and _differ(recordings, clock)):
+        files = ", ".join(one.source.name for one in recordings[:3]) + (", ..." if len(recordings) > 3 else "")
+        raise LogError(
+            f"{source}: {files} look like a file for each joint of one recording, and not like runs; join them into "
+            f"one table with columns {called[0] if called else recordings[0].name}.position, ..., or import each file "
+            "on its own."
+        )
 
 
 # --- a file for the state and one for the command --------------------------------------------------------------------
@@ -114,21 +109,3 @@ def _differ(recordings: Sequence[Recording], clock: str) -> bool:
         all(np.array_equal(one.columns[key], other.columns[key], equal_nan=True) for key in one.columns if key != clock)
         for one, other in combinations(recordings, 2)
     )
-
-
-def _join(recordings: Sequence[Recording], joints: Sequence[str], clock: str, source: Path) -> Recording:
-    """One recording of files that have the same clock."""
-    parts = {f"{joint}.{key}": (joint, key) for recording, joint in zip(recordings, joints, strict=True)
-             for key in recording.columns if key != clock and said(key).signal != "time"}  # fmt: skip
-    files = dict(zip(joints, recordings, strict=True))
-    columns = {clock: recordings[0].columns[clock]}
-    columns |= {name: files[joint].columns[key] for name, (joint, key) in parts.items()}
-    facts = {key: value for key, value in recordings[0].facts.items()
-             if all(one.facts.get(key) == value for one in recordings)}  # fmt: skip
-    note = (
-        f"{', '.join(one.source.name for one in recordings)} are taken for a joint each of one recording, for they "
-        f"have the same '{clock}'; where each is a run of its own, import it on its own"
-    )
-    notes = tuple(dict.fromkeys([*(note for one in recordings for note in one.notes), note]))
-    name = source.resolve().name
-    return replace(recordings[0], name=name, columns=columns, source=source, facts=facts, notes=notes, parts=parts)

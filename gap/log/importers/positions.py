@@ -230,19 +230,10 @@ class Positions:
         self._decide_together()
 
     def _decide_together(self) -> None:
-        """One decision for all positions of which nobody says the unit: an encoder's step tells it, else all are asked
-        about where one is. A gripper may be in a unit of its own."""
+        """All positions of which nobody says the unit are asked about where one is; a gripper may be in its own."""
         alike = [one for one in self.found if self.lines[one.claim.column].open and not self._apart(one)]
-        by_step = [one.claim.column for one in self.found if not told(one.claim.unit) and not one.claim.formula]
-        shown = {self.lines[name].unit: name for name in by_step if self.lines[name].trust == SURE}
-        asked = any(self.lines[one.claim.column].trust == ASK for one in alike)
-        for one in alike:
-            if len(shown) == 1:
-                ((unit, name),) = shown.items()
-                why = f"{reach(one.values)}; in the unit of {quoted(name)}, whose steps are an encoder's"
-                self.lines[one.claim.column] = in_unit(one.claim.column, unit, LIKELY, why)
-            elif asked:
-                self.lines[one.claim.column] = _open(one)
+        if any(self.lines[one.claim.column].trust == ASK for one in alike):
+            self.lines |= {one.claim.column: _open(one) for one in alike}
 
     def _apart(self, one: Position) -> bool:
         """Whether it is the opening of a gripper beside joints that are none."""

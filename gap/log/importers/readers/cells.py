@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import partial
@@ -22,16 +23,12 @@ MISSING = ("", "-", "--", "---", "nan", "null", "none", "n/a", "na", "inf", "-in
 NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
 LIST = r"[\[(]\s*[-+]?[\d.][-+\d.eE,;\s]*[\])]"
 """Numbers in brackets, with commas or without."""
-GROUPED = {",": r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?", ".": r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?"}
-"""Numbers with grouped thousands, by the sign of their decimals."""
 QUANTITY = re.compile(rf"({NUMBER})\s*([^\d\s.,;:+-]\S*)")
 FORMULA = re.compile(r"[=@]\s*[\w+(-]")
 """What a spreadsheet would compute, or run: ``=A1*2``, ``=cmd|calc``."""
 STAMP = r"(?:\d+ days? )?\d[\d.:/-]*[:/.-]\d[\dT :.,+-]*(?:Z|\s*[AaPp][Mm])?"
-VALUE = re.compile("|".join((NUMBER, LIST, *GROUPED.values(), STAMP)))
+VALUE = re.compile("|".join((NUMBER, LIST, STAMP)))
 """How a number, a list of numbers, a date or a time is written."""
-DATES = ("", "%d.%m.%Y", "%Y/%m/%d", "%Y-%m-%d", "%m/%d/%Y", "%d/%m/%Y", "%d-%m-%Y", "%d.%m.%y", "%m/%d/%y")
-TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S.%f %p", "%I:%M:%S %p", "%H:%M", "")
 LONGEST_CELL = 300
 """Letters of a cell that may be a number, and of the name of a column."""
 CELLS_LOOKED_AT = 1000
@@ -167,23 +164,18 @@ def _take_text(name: str, cells: Any, out: Cells) -> None:
 def _read(known: Any) -> tuple[Any, bool]:
     """Numbers of nearly all cells of a column, and whether these are seconds; None where they are none."""
     sample = known.iloc[:: max(len(known) // CELLS_LOOKED_AT, 1)]
-    readers = [(partial(_number, decimal=decimal), False) for decimal, form in GROUPED.items()
-               if known.str.fullmatch(form).any()]  # fmt: skip
-    readers += [(partial(_number, decimal=""), False), (_duration, True)]
+    readers = [(_number, False), (_duration, True)]
     if sample.str.contains(":").mean() >= 1.0 - STRAY_SHARE:
-        readers += [(partial(_stamp, form=f"{date} {time}".strip()), True) for date in DATES for time in TIMES]
+        readers += [(partial(_stamp, dayfirst=dayfirst), True) for dayfirst in (False, True)]
     for reader, seconds in readers:
         if reader(sample).notna().mean() >= 1.0 - STRAY_SHARE:
             return reader(known), seconds
     return None, False
 
 
-def _number(cells: Any, decimal: str) -> Any:
-    """Numbers with decimals behind either sign, or with their thousands grouped where the sign is given."""
-    form = f"{GROUPED[decimal]}|[-+]?\\d*(?:[{decimal}]\\d*)?" if decimal else NUMBER
-    plain = cells.where(cells.str.fullmatch(form))
-    if decimal:
-        plain = plain.str.replace("." if decimal == "," else ",", "", regex=False)
+def _number(cells: Any) -> Any:
+    """Numbers with decimals behind either sign."""
+    plain = cells.where(cells.str.fullmatch(NUMBER))
     return pd.to_numeric(plain.str.replace(",", ".", regex=False), errors="coerce")
 
 
@@ -193,11 +185,11 @@ def _duration(cells: Any) -> Any:
     return pd.to_timedelta(whole.where(whole.str.contains(":")), errors="coerce").dt.total_seconds()
 
 
-def _stamp(cells: Any, form: str) -> Any:
-    """Seconds of dates with a time, since the first of the days."""
-    plain = cells.str.replace(r"(?<=\d)T(?=\d)", " ", regex=True).str.replace(",", ".", regex=False)
-    plain = plain.str.replace(r"(?:Z|(?<=:\d\d)[-+]\d\d:?\d\d|(?<=\.\d{6})[-+]\d\d:?\d\d)$", "", regex=True)
-    found = pd.to_datetime(plain, format=form, errors="coerce")
+def _stamp(cells: Any, dayfirst: bool) -> Any:
+    """Seconds of times and of dates with a time, all written as the first is, since the first of the days."""
+    plain = cells.str.replace(",", ".", regex=False)
+    with warnings.catch_warnings(action="ignore"):  # of words that are no dates
+        found = pd.to_datetime(plain, errors="coerce", dayfirst=dayfirst, utc=True)
     return (found - found.dt.normalize().min()).dt.total_seconds()
 
 

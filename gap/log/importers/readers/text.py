@@ -25,9 +25,6 @@ samples stands before them."""
 MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 LABELLED = re.compile(r"\s*[\"']?([A-Za-zÀ-ÿ_][^:=,;]*?)[\"']?\s*[:=]\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*\Z")
 """A cell with its name: ``goal:12.5``, as for Arduino's plotter."""
-STAMP = re.compile(r"\d{1,2}:\d{2}:\d{2}[.,]\d+\Z")
-STAMPED = re.compile(r"(\d{1,2}:\d{2}:\d{2}[.,]\d+) -> ")
-"""What Arduino's monitor puts before a line."""
 WRAPPED = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}],?\s*\Z")
 """A line in brackets, as of JSON."""
 LONG = re.compile(rf"[^\s,;|]{{{LONGEST_CELL + 1},}}")
@@ -122,7 +119,7 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
     rows = {k: _split(lines[k], separator) for k in filled}
     counts = [len(rows[k]) for k in filled[-LAST_LINES:]]
     width = max(set(counts), key=counts.count)
-    labelled = [k for k in filled if len(rows[k]) == width and all(map(_is_labelled, rows[k]))]
+    labelled = [k for k in filled if len(rows[k]) == width and all(map(LABELLED.match, rows[k]))]
     notes: list[str] = []
     if labelled and labelled[-1] in filled[-2:]:
         names = [match[1] if (match := LABELLED.match(cell)) else "" for cell in rows[labelled[-1]]]
@@ -143,10 +140,6 @@ def _layout(lines: Sequence[str], path: Path) -> _Layout:
             f"{path}: column '{long[:40]}...' has a name of over {LONGEST_CELL} letters; give it a shorter one."
         )
     return _Layout(_unique(names, notes), start, separator, False, notes)
-
-
-def _is_labelled(cell: str) -> bool:
-    return bool(LABELLED.match(cell) or STAMP.match(cell))
 
 
 def _names(
@@ -204,7 +197,7 @@ def _separator(lines: Sequence[str]) -> str:
         usual = max(set(counts), key=counts.count)
         if usual < 2 or counts.count(usual) < 0.8 * len(counts):
             continue
-        values = sum(is_value(cell) or _is_labelled(cell) for row in rows for cell in row)
+        values = sum(bool(is_value(cell) or LABELLED.match(cell)) for row in rows for cell in row)
         if values > most:
             best, most = separator, values
     return best
@@ -220,13 +213,10 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _split(line: str, separator: str) -> list[str]:
-    """Cells of a line; runs of blanks part them, a stamp before the line is a cell, brackets around it go."""
-    stamp = STAMPED.match(line) if "->" in line else None
-    rest = line[stamp.end() :] if stamp else line
-    if rest[:1] in "[({ " and (wrapped := WRAPPED.match(rest)) and any(sign.isdigit() for sign in rest):
-        rest = wrapped[1]
-    cells = _cells(re.sub(r"[ \t]+", " ", rest.strip()), " ") if separator == " " else _cells(rest, separator)
-    return [stamp[1], *cells] if stamp else cells
+    """Cells of a line; runs of blanks part them, brackets around it go."""
+    if line[:1] in "[({ " and (wrapped := WRAPPED.match(line)) and any(sign.isdigit() for sign in line):
+        line = wrapped[1]
+    return _cells(re.sub(r"[ \t]+", " ", line.strip()), " ") if separator == " " else _cells(line, separator)
 
 
 def _is_filled(line: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...types import Array, LogError
-from ..clocks import HELD, clock_units, held, together
+from ..clocks import clock_units, together
 from ..names import is_a, said
 from ..recording import Recording
 
@@ -245,7 +245,6 @@ def _recording(path: Path, kind: str, content: Tree, name: str, notes: tuple[str
         raise LogError(f"{path}: has no vectors of numbers{why}; a log is one vector for each signal and one of time.")
     lengths = [len(values) for values in columns.values()]
     length = max(set(lengths), key=lambda n: (lengths.count(n), n))
-    columns, of_held = _held_goals(columns, length)
     other = sorted(key for key, values in columns.items() if len(values) != length)
     of_other = (f"left out, for they do not have {length} samples: {', '.join(other)}",) * bool(other)
     kept = {key: values for key, values in columns.items() if len(values) == length}
@@ -254,33 +253,11 @@ def _recording(path: Path, kind: str, content: Tree, name: str, notes: tuple[str
         left[key] = f"the clock {clocks[0]}" if np.array_equal(kept[key], kept[clocks[0]]) else "another clock"
         del kept[key]
     roles = dict.fromkeys(clocks[:1], "time")
-    return Recording(name, kept, path, kind, facts, roles, (*notes, *of_held, *of_other), left=left)
+    return Recording(name, kept, path, kind, facts, roles, (*notes, *of_other), left=left)
 
 
 def _is_clock(name: str) -> bool:
     return said(name.rpartition(".")[2]).signal == "time"
-
-
-def _held_goals(columns: dict[str, Array], length: int) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Goals with a clock of their own, each held until the next at the times of the others, and notes on them.
-
-    Args:
-        columns: by name; those of a structure have its name before a point.
-        length: of the columns that the recording is made of.
-    """
-    clocks = {key: values for key, values in columns.items() if _is_clock(key) and clock_units(values)}
-    at = next((values for values in clocks.values() if len(values) == length), None)
-    out, notes = dict(columns), ()
-    for key, time in clocks.items():
-        above = key.rpartition(".")[0]
-        if at is None or len(time) == length or not above or time[0] > at[-1] or time[-1] < at[0]:
-            continue
-        beside = [name for name in columns if name != key and name.rpartition(".")[0] == above]
-        if beside and all(said(name).signal in HELD and len(columns[name]) == len(time) for name in beside):
-            out |= {name: held(time, columns[name], at) for name in beside}
-            del out[key]
-            notes = (*notes, f"each sample of {', '.join(beside)} is held until its next one, by its own clock {key}")
-    return out, notes
 
 
 def _is_words(value: Any) -> bool:
