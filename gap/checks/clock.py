@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..log.finding import Finding
-from ..log.gaps import GAP_PERIODS, gaps
-from ..log.parts import WARM_UP
+from ..log.parts import GAP_PERIODS, WARM_UP, gaps
 from ..log.types import Array, MeasuredRun
 from .context import JointContext
 from .signal import derivatives

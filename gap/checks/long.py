@@ -16,8 +16,7 @@ import numpy as np
 from pyarrow import parquet
 
 from ..log.finding import Finding
-from ..log.gaps import GAP_PERIODS
-from ..log.parts import PARTS, PIECE_LENGTH, WARM_UP
+from ..log.parts import GAP_PERIODS, PARTS, PIECE_LENGTH, WARM_UP
 from ..log.progress import Progress
 from ..log.reader import iterate_runs, log_files, read_measured
 from ..log.table import BATCH_ROWS

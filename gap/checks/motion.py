@@ -8,7 +8,7 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
-from ..log.units import FACTOR
+from ..log.types import FACTOR
 from .context import JointContext
 from .signal import FOLLOWS_SHARE, MIN_SAMPLES, same_unit
 

@@ -8,8 +8,7 @@ from types import MappingProxyType
 
 from ...envs.robots import ROBOTS
 from ..log.finding import Finding
-from ..log.types import JointLog, LogError, MeasuredRun, MeasuredSet
-from ..log.units import factors
+from ..log.types import JointLog, LogError, MeasuredRun, MeasuredSet, factors
 from .robot import LoggedRobot
 
 HINGE_UNITS: Mapping[str, float] = MappingProxyType(factors("rad", "deg", "turn", "rad/s", "deg/s", "turn/s", "rpm"))

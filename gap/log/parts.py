@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .types import LogError, MeasuredRun
+from .types import Array, LogError, MeasuredRun
 
 WARM_UP = 1.5  # [s] replayed but not judged, so that what came before is forgotten; a quiet start is sought as long
 STATE_SAMPLES = 2.5  # periods either side of a sample, at least, over which its speed is read
@@ -21,6 +21,7 @@ SWING_SHARE = 0.125  # of a run that is not judged at its start where the link h
 FEWEST_PIECES = 4  # a run is cut into at least, where there are too few runs to hold whole ones out
 PIECE_LENGTH = 6.0  # [s] that a piece takes at most, about: what changes along a run, as in a chirp, is in every part
 LEAST_FREE = 0.5  # [s] that is judged at least between two stretches in which something touches what a joint moves
+GAP_PERIODS = 3.5  # between two samples, from which some lack
 LONG_RUN = 60.0  # [s] from which runs are cut however many there are: each part needs what only one of them shows
 PARTS = FIT_A, FIT_B, TEST = range(3)
 ENOUGH_RUNS = 2 * len(PARTS)  # to hold whole ones out
@@ -241,3 +242,65 @@ def stretches(holds: np.ndarray) -> list[tuple[int, int]]:
     """First sample and end of each stretch in which all of ``holds`` (n,) is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+# --- samples that a recording lacks ----------------------------------------------------------------------------------
+# What was commanded meanwhile is not known. A goal pulls a joint back to where it would have been. A torque does not:
+# what acted meanwhile stays in the speed for good, so that a joint that follows torques begins anew behind a gap.
+
+
+def gaps(time: Array) -> np.ndarray:
+    """Last samples before the gaps of a clock (n,) [s]."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > GAP_PERIODS * np.median(steps))
+
+
+def lost(time: Array, command: Array) -> np.ndarray:
+    """Last samples before gaps (n,) in which the command changed."""
+    missing = gaps(time)
+    return missing[command[missing] != command[missing + 1]]
+
+
+def known_commands(time: Array, command: Array, forgotten: float = WARM_UP) -> np.ndarray:
+    """Samples (n,) whose motion follows from commands that were logged.
+
+    A replay holds the last command across a gap. Where the next one differs, what came between is unknown, and its
+    motion is forgotten some time after; where gaps follow each other faster, half of what lies between them still
+    counts.
+
+    Args:
+        time: of the samples (n,) [s].
+        command: goal [rad] or torque [N.m] (n,).
+        forgotten: time until then [s].
+    """
+    known = np.ones(len(time), bool)
+    ends = lost(time, command)
+    for k, end in zip(ends, [*time[ends[1:]], time[-1]], strict=False):
+        first = time[k + 1]
+        known[(time >= time[k] - SPEED_REACH) & (time < first + min(forgotten, 0.5 * (end - first)))] = False
+    return known
+
+
+def between_gaps(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit]) -> list[Unit]:
+    """Pieces of a joint that follows torques, cut where a recording lacks some; what is too short to judge is left out.
+
+    They begin where no reading of the neighbours' accelerations reaches across the gap.
+
+    Args:
+        runs: of one machine.
+        joint: that is judged.
+        units: of :func:`cut`.
+    """
+    found: list[Unit] = []
+    for unit in units:
+        time, log = runs[unit.run].time, runs[unit.run].joints[joint]
+        command = log.torque_command
+        ends = np.zeros(0, int) if command is None else lost(time, command)
+        ends = ends[(ends >= unit.start) & (ends < unit.stop - 1)]
+        if not len(ends):
+            found.append(unit)
+            continue
+        begins = np.searchsorted(time, time[ends + 1] + SPEED_REACH)
+        for start, stop in zip([unit.start, *begins], [*(ends + 1), unit.stop], strict=True):
+            found += within(unit, int(start), int(stop), time, log.position, LEAST_START)
+    return found

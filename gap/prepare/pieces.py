@@ -19,8 +19,7 @@ from ..load.robot import LoggedRobot, Machine
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion
 from ..log.finding import Finding
-from ..log.gaps import between_gaps
-from ..log.parts import TEST, Unit, cut
+from ..log.parts import TEST, Unit, between_gaps, cut
 from ..log.types import Array, LogError, MeasuredRun
 from ..replay.flattened import flattened
 from ..replay.free import FreeProblem, free_problem

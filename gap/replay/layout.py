@@ -13,8 +13,7 @@ import numpy as np
 
 from ...actuators.stages.motor import Thermal
 from ..load.pendulum import bench_parameters
-from ..log.gaps import known_commands
-from ..log.parts import LEAST_START, WARM_UP, Unit
+from ..log.parts import LEAST_START, WARM_UP, Unit, known_commands
 from ..log.types import LogError, MeasuredRun
 from .simulator import CHANNELS
 

@@ -23,11 +23,10 @@ from .lines import ASK
 from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
 from .one_run import check_runs, paired
 from .positions import PERCENT
-from .proposal import Proposal, propose
+from .proposal import Proposal, proposal_text, propose
 from .readers import read_recordings, read_source
 from .recording import FEWEST_RECORDED, Recording
 from .robot import Robot, asked_robot, has_model, robot_of
-from .show import proposal_text
 from .sidecars import (
     answered,
     asked_chain,

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..types import Array, LogError
 from .expression import quoted
-from .goals import goal_line
 from .lines import (
     ASK,
     DERIVATIVE_FIT,
@@ -22,6 +21,7 @@ from .lines import (
     SAME_UNIT,
     SURE,
     Line,
+    goal_line,
     in_unit,
     nearest_unit,
     of_dialect,

@@ -19,8 +19,7 @@ from ....envs.described.robot_file import is_robot_file
 from ....envs.robots import robot_meant
 from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
-from ..types import LogError, MeasuredRun
-from ..units import FACTOR
+from ..types import FACTOR, LogError, MeasuredRun
 from ..writer import FROM
 from .drives import Chain, impedance_chains, of_one_servo, shipped_chain, with_gains
 from .mapping import Mapping as LogMapping

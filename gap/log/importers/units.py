@@ -16,7 +16,7 @@ from typing import Any
 import pint
 
 from ....common.documents import read_yaml
-from ..units import BEHIND
+from ..types import BEHIND
 
 TABLE = read_yaml(Path(__file__).with_name("units.yaml"))
 

@@ -13,8 +13,7 @@ import yaml
 from sealegs.envs.robots import robot_meant
 from sealegs.gap.checks.clock import check_clock
 from sealegs.gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
-from sealegs.gap.log.gaps import known_commands
-from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, WARM_UP, cut
+from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, WARM_UP, cut, known_commands
 
 from testbed.bench import NOISE_FLOOR
 from tests.logged_robots import JOINTS, free_replay, nominal_error, two_link_run
