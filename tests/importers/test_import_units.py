@@ -85,7 +85,7 @@ def test_a_unit_that_is_not_understood_to_its_last_letter_is_none(text: str) -> 
 
 @pytest.mark.parametrize("unit", ["deg", "ticks"])
 def test_an_answer_that_every_column_contradicts_is_refused(tmp_path: Path, unit: str) -> None:
-    with pytest.raises(LogError, match=f"unit={unit} is for positions and goals whose unit is open, and none is"):
+    with pytest.raises(LogError, match=f"unit={unit} is for positions whose unit is open, and there is none"):
         propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", unit)
 
 
@@ -296,7 +296,7 @@ def test_percent_of_no_range_is_refused_in_a_sentence(tmp_path: Path, arm: str) 
     wheel = {name.replace("gripper", "wheel"): values for name, values in gripper().items()}
     with pytest.raises(LogError, match=r"arm\.xml gives the joint 'wheel' no range"):
         propose_for(table(tmp_path, wheel), tmp_path / "out", "percent", arm)
-    with pytest.raises(LogError, match="stay within 0 to 100 and say no other unit, and there is none"):
+    with pytest.raises(LogError, match="is open, and that stay within 0 to 100, and there is none"):
         propose_for(table(tmp_path, {"time_s": TIME, **RAD}), tmp_path / "out", "percent", arm)
 
 

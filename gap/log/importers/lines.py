@@ -205,18 +205,20 @@ def goal_velocity_line(claim: Claim, values: Array, goes: Relation | None, goal:
 # --- goals -----------------------------------------------------------------------------------------------------------
 
 
-def goal_line(claim: Claim, unit: str, by: str, base: Line, goes: Relation) -> Line:
-    """A goal or a second position; asked about where the position moves as in another unit.
+def goal_line(claim: Claim, base: Line, goes: Relation) -> Line:
+    """A goal or a second position, in its own unit or in that of the position; asked about where the position moves as
+    in another one.
 
     Args:
         claim: on its column.
-        unit: that somebody says; empty: in that of the position.
-        by: who says it.
         base: how the position is read.
         goes: of the position behind it, both as in the file.
     """
+    if line := of_dialect(claim):
+        return line
+    unit, by = told(claim.unit), claim.by
     own, known = measures(unit, *POSITION), measures(base.unit, *POSITION)
-    if unit and not own and unit != base.unit:
+    if unit and not own and base.unit not in (unit, {"%": "percent"}.get(unit)):
         why = f"{by} says {unit}, which is no unit of an angle or a way"
         return in_unit(claim.column, unit, ASK, why, base.ask)
     if own:
@@ -225,7 +227,7 @@ def goal_line(claim: Claim, unit: str, by: str, base: Line, goes: Relation) -> L
         of_position = next((quoted(name) for name in names_in(base.text) if name != "pi"), "")
         text, trust = base.text.replace(of_position, quoted(claim.column)), ASK if base.trust == ASK else LIKELY
         line = Line(text, base.unit, trust, f"in the unit of the position, {base.unit}", base.ask)
-    compared = base.trust != ASK and (not own or base.open or by == "unit=")
+    compared = base.trust != ASK and (not own or base.open)
     if not (compared and known and goes.fit > COMPARED_FIT and goes.scale):
         return line
     times = f"the position moves {abs(goes.scale):.2g} times as far in the numbers of the file"

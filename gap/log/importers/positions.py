@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from .lines import (
     SAME_UNIT,
     SURE,
     Line,
-    goal_line,
     in_unit,
     nearest_unit,
     of_dialect,
@@ -54,6 +53,7 @@ STEPS = (
     "degrees (unit=deg), rad (unit=rad) or mm of a slide (unit=mm)? Whole numbers within 0..4095 are probably steps; a "
     "servo with 1024 of them over 300 degrees (SCS, AX) needs (<column> - 512)*300/1024*pi/180 in these lines"
 )
+SHARES = ", and that stay within 0 to 100"
 COUNTS = f"how many counts are a turn, and which one is 0 rad? {STEPS_A_TURN} and 0 stand in these lines"
 SHARE = (
     "a share of the calibrated range, whose ends are low and high in rad (slide: m)? 0..100 is unit=percent beside "
@@ -206,93 +206,54 @@ def by_velocity(line: Line, one: Position, velocity: Claim | None, goes: Relatio
     return in_unit(one.claim.column, best, trust, why) if off < ROUGHLY_UNIT else line
 
 
-@dataclass
 class Positions:
-    """All positions of a recording, and what ``unit=`` says of those whose unit is open.
+    """Lines of all positions of a recording, with what ``unit=`` says of those whose unit is open.
 
-    Attributes:
+    Args:
         unit: that was answered; None where nobody did.
         found: the positions.
-        filled: columns that the answer is for, or that say the same.
-        against: unit that a column says itself, by column.
+
+    Attributes:
+        lines: of the positions, by column.
     """
 
-    unit: str | None
-    found: Sequence[Position]
-    filled: set[str] = field(default_factory=set)
-    against: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in self.found}
-        registers = [one for one in self.found if one.register]
+    def __init__(self, unit: str | None, found: Sequence[Position]) -> None:
+        self.unit = unit
+        lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in found}
+        registers = [one for one in found if one.register]
         if any(one.high > 360.0 for one in registers):  # further than degrees
-            self.lines |= {one.claim.column: _counted(one) for one in registers}
-        self._decide_together()
+            lines |= {one.claim.column: _counted(one) for one in registers}
+        alone = all(one.of_gripper for one in found)  # else a gripper may be in a unit of its own
+        alike = [one for one in found if lines[one.claim.column].open and (alone or not one.of_gripper)]
+        if any(lines[one.claim.column].trust == ASK for one in alike):
+            lines |= {one.claim.column: _open(one) for one in alike}
+        said = {one.claim.column: self._said(one, lines[one.claim.column]) for one in found}
+        answers = {one.claim.column: answer for one in found if unit and not said[one.claim.column]
+                   if (answer := self._answer(one, lines[one.claim.column], one in alike or alone))}  # fmt: skip
+        self.filled = bool(answers) or unit in said.values()
+        self.against = {name: own for name, own in said.items() if own and own != unit}
+        self.lines = lines | answers
+        for name in self.against if unit else ():
+            self.lines[name] = lines[name].but(why=f"{lines[name].why}; unit={unit} is for columns that say none")
 
-    def _decide_together(self) -> None:
-        """All positions of which nobody says the unit are asked about where one is; a gripper may be in its own."""
-        alike = [one for one in self.found if self.lines[one.claim.column].open and not self._apart(one)]
-        if any(self.lines[one.claim.column].trust == ASK for one in alike):
-            self.lines |= {one.claim.column: _open(one) for one in alike}
+    def _said(self, one: Position, line: Line) -> str:
+        """The unit that a column says or shows itself; steps and shares are what the answer is about."""
+        own = told(one.claim.unit)
+        open_ones = (own, self.unit) in (("tick", TICKS), ("%", PERCENT))
+        return "" if open_ones else own or one.claim.formula or (line.unit if line.trust == SURE else "")
 
-    def _apart(self, one: Position) -> bool:
-        """Whether it is the opening of a gripper beside joints that are none."""
-        return one.of_gripper and not all(other.of_gripper for other in self.found)
-
-    def line(self, one: Position) -> Line:
-        """A position, in the unit of the answer where its own is open."""
-        column, line = one.claim.column, self.lines[one.claim.column]
-        if self.unit is None or one.claim.formula:
-            return line
-        own = self._own(one.claim)
-        if own or line.trust == SURE:
-            return self._kept(column, line, own or line.unit)
-        if not self._fits(one):
-            return line
-        self.filled.add(column)
-        if self.unit == PERCENT:
-            why = f"unit= says percent, of the range that the robot's model has; {reach(one.values)}"
-            return Line(quoted(column), PERCENT, SURE, why)
-        if self.unit == TICKS:
+    def _answer(self, one: Position, line: Line, of_arm: bool) -> Line | None:
+        """A position in the unit of the answer; None where that cannot be its unit, and its question stays."""
+        unit, shown = self.unit or "", reach(one.values)
+        if unit == TICKS and whole_numbers(one.values) and one.far < MOST_STEPS and not one.slide:
             why = f"unit= says {TICKS}, {STEPS_A_TURN} a turn and {STEP_AT_ZERO} at 0 rad: edit them for other servos"
-            return _steps(one, STEP_AT_ZERO, LIKELY, f"{why}; {reach(one.values)}")
-        return position_line(one, self.unit, "unit=")
-
-    def _own(self, claim: Claim) -> str:
-        """The unit that a column says itself; steps and shares are what the answer is about."""
-        own = told(claim.unit)
-        return "" if (own, self.unit) in (("tick", TICKS), ("%", PERCENT)) else own
-
-    def _kept(self, column: str, line: Line, own: str) -> Line:
-        if own == self.unit:
-            self.filled.add(column)
-            return line
-        self.against[column] = own
-        return line.but(why=f"{line.why}; unit={self.unit} is for columns that say none")
-
-    def _fits(self, one: Position) -> bool:
-        """Whether the answer can be for a position: what it cannot be for keeps its question."""
-        if self.unit == TICKS:
-            return whole_numbers(one.values) and one.far < MOST_STEPS and not one.slide
-        if self.unit == PERCENT:
-            return one.share
-        steps = self.lines[one.claim.column].unit == "tick"
-        return not (measures(self.unit or "", "angle") and (steps or self._apart(one)))
-
-    def goal(self, claim: Claim, base: Line, goes: Relation) -> Line:
-        """A goal or a second position, in its own unit, in that of the answer, or in that of the position."""
-        if line := of_dialect(claim):
-            return line
-        if own := self._own(claim):
-            line = goal_line(claim, own, claim.by, base, goes)
-            return line if self.unit is None else self._kept(claim.column, line, own)
-        line = goal_line(claim, "", "", base, goes)
-        if self.unit is None or (self.unit == PERCENT and base.unit != PERCENT):
-            return line
-        self.filled.add(claim.column)
-        if measures(self.unit, "angle", "way") and base.trust != ASK:
-            return goal_line(claim, self.unit, "unit=", base, goes)
-        return line.but(trust=SURE, why=f"unit= says {self.unit}") if line.trust == LIKELY else line
+            return _steps(one, STEP_AT_ZERO, LIKELY, f"{why}; {shown}")
+        if unit == PERCENT and one.share:
+            why = f"unit= says percent, of the range that the robot's model has; {shown}"
+            return Line(quoted(one.claim.column), PERCENT, SURE, why)
+        if unit in (TICKS, PERCENT) or (measures(unit, "angle") and (line.unit == "tick" or not of_arm)):
+            return None
+        return position_line(one, unit, "unit=")
 
     def check(self, source: Path) -> None:
         """Refuse an answer that no column has a use for.
@@ -300,14 +261,10 @@ class Positions:
         Raises:
             LogError: each column says another unit itself, or none is a share.
         """
-        if self.unit == PERCENT and not self.filled:
-            raise LogError(
-                f"{source}: unit={self.unit} is for positions that stay within 0 to 100 and say no other unit, and "
-                "there is none; leave unit= out."
-            )
-        if self.unit is not None and self.against and not self.filled:
-            says = ", ".join(f"{quoted(name)} says {unit}" for name, unit in list(self.against.items())[:3])
-            raise LogError(
-                f"{source}: unit={self.unit} is for positions and goals whose unit is open, and none is: {says}; "
-                "leave unit= out, or correct the line of a column in the mapping."
-            )
+        if self.unit is None or self.filled or not (self.against or self.unit == PERCENT):
+            return
+        says = ": " + ", ".join(f"{quoted(name)} says {unit}" for name, unit in list(self.against.items())[:3])
+        raise LogError(
+            f"{source}: unit={self.unit} is for positions whose unit is open{SHARES * (self.unit == PERCENT)}, and "
+            f"there is none{says * bool(self.against)}; leave unit= out, or correct a line in the mapping."
+        )

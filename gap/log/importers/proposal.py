@@ -17,7 +17,19 @@ from .claims import ONLY_JOINT, Claimed, claims_of, is_action, lists_of, placed,
 from .clocks import find_clock
 from .dialects import Dialect, dialects
 from .expression import evaluate, hold, names_in, quoted
-from .lines import ACTIONS, ASK, LIKELY, SURE, Line, action_line, doubted, drive_line, goal_velocity_line, velocity_line
+from .lines import (
+    ACTIONS,
+    ASK,
+    LIKELY,
+    SURE,
+    Line,
+    action_line,
+    doubted,
+    drive_line,
+    goal_line,
+    goal_velocity_line,
+    velocity_line,
+)
 from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
@@ -195,7 +207,7 @@ class _Proposer:
         out, run = self.out, self.moved(position.claim.column)
         speed = chosen.get("velocity")
         goes = self.slope(run, position.values, speed)
-        base = by_velocity(units.line(position), position, speed, goes)
+        base = by_velocity(units.lines[position.claim.column], position, speed, goes)
         if measures(base.unit, "way"):
             out.slides.add(joint)
         if joint in self.claimed.renamed:
@@ -208,10 +220,10 @@ class _Proposer:
             if why := self.no_signal(signal, moved):
                 out.unused[claim.column] = why
             elif signal == "goal":
-                self.read_goal(joint, claim, run, position, base, units)
+                self.read_goal(joint, claim, run, position, base)
             elif signal == "link_position":
                 relation = following(self.clock(run), values, position.values)
-                self.put(f"{joint}.{signal}", units.goal(claim, base, relation), claim)
+                self.put(f"{joint}.{signal}", goal_line(claim, base, relation), claim)
             elif signal == "velocity":
                 self.put(f"{joint}.velocity", velocity_line(claim, values, goes, base), claim)
             elif signal == "load":
@@ -221,16 +233,14 @@ class _Proposer:
                 self.put(f"{joint}.{signal}", drive_line(signal, claim, moved), claim)
         self.read_goal_velocity(joint, chosen, run)
 
-    def read_goal(
-        self, joint: str, claim: Claim, run: Recording, position: Position, base: Line, units: Positions
-    ) -> None:
+    def read_goal(self, joint: str, claim: Claim, run: Recording, position: Position, base: Line) -> None:
         """The goal of a joint, with how late its position comes, and what speaks against its being one."""
         values = run.columns[claim.column]
         known = np.isfinite(values)
         sparse = bool(known.any()) and 1.0 - known.mean() > MOST_OF_THEM
         steady = hold(values) if sparse else values
         goes = following(self.clock(run), steady, position.values)
-        line = units.goal(claim, base, goes)
+        line = goal_line(claim, base, goes)
         if is_action(claim):
             self.actions.append(f"{joint}.goal")
             line = action_line(line, goes, steady, position.values, base)
