@@ -17,7 +17,7 @@ from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
 from ....envs.described.robot_file import is_robot_file
 from ....envs.robots import robot_meant
-from ..sidecar import FOLDER_DEFAULTS, Sidecar, folder_defaults, robot_beside, sidecar_text
+from ..sidecar import FOLDER_DEFAULTS, MAPPINGS, Sidecar, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
 from ..types import FACTOR, LogError, MeasuredRun
 from ..writer import FROM
@@ -143,48 +143,39 @@ def said_before(folder: Path) -> dict[str, Any] | None:
 def beyond(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """What a run's own sidecar must say beyond the ``log.yaml`` that its folder has already.
 
-    What the import leaves open holds as the folder says it, except for the group: such a run is one of its own.
+    It adds to what the folder says of its machine, or says it otherwise; it takes nothing away. What the import leaves
+    open holds as the folder says it, except for the group: such a run is one of its own.
 
     Raises:
-        LogError: the folder says something that is not so of the run, and that no sidecar takes back.
+        LogError: the folder says something that is not so of the run.
     """
-    _check_said(run, said, folder)
+    content, there = _content(run), str(said.get("robot") or "")
+    if there and run.robot and robot_beside(there, folder) == robot_beside(run.robot, folder):
+        content["robot"] = there  # in other words, maybe
+    extra = {key: _mapping(said.get(key)).keys() - _mapping(content.get(key)).keys() for key in MAPPINGS}
+    extra["robot_params"] = extra["robot_params"] if run.robot_params else set()
+    extra["actuators"] -= run.joints.keys()
+    extra["units"] = {name for name in extra["units"] if any(f".{one}".endswith(f".{name}") for one in run.columns())
+                      and FACTOR.get(str(said["units"][name])) != 1.0}  # fmt: skip
+    wrong = [f"{key}.{name}" for key in ("robot_params", "actuators", "units") for name in sorted(extra[key])]
+    if there and content["robot"] not in ("", there):
+        wrong.insert(0, f"robot {there}")
+    if wrong:
+        raise LogError(
+            f"{folder / FOLDER_DEFAULTS} says {wrong[0]} of every log of its folder, and the import of {run.source} "
+            "does not; say it in the mapping too, or import it into a folder of its own."
+        )
     own: dict[str, Any] = {}
-    for key, value in _content(run).items():
+    for key, value in content.items():
         held = said.get(key)
         if isinstance(value, dict) and isinstance(held, dict):  # such are merged by their keys
             value = {name: entry for name, entry in value.items() if name not in held or held[name] != entry}
         if value not in ("", {}, None) and value != held:
             own[key] = value
-    if said.get("robot"):  # the same one, maybe in other words
-        own.pop("robot", None)
     if said.get("group") is not None and run.meta.get("group") is None:
         own["group"] = None
     own["meta"] = {**own.get("meta", {}), FROM: str(run.source)}
     return own
-
-
-def _check_said(run: MeasuredRun, said: Mapping[str, Any], folder: Path) -> None:
-    """A run's own sidecar adds to what the folder says of its machine, or says it otherwise; it takes nothing away."""
-    file, apart = folder / FOLDER_DEFAULTS, "import it into a folder of its own."
-    there, stated = str(said.get("robot") or ""), _mapping(run.meta.get("units"))
-    params, actuators, units = (_mapping(said.get(key)) for key in ("robot_params", "actuators", "units"))
-    if there and run.robot and robot_beside(there, folder) != robot_beside(run.robot, folder):
-        raise LogError(f"{file} is of the robot {there}, and {run.source} is imported for {run.robot}; {apart}")
-    held = [f"gives robot_params.{key}" for key in params if run.robot_params and key not in run.robot_params]
-    held += [f"names an actuator of '{joint}'" for joint in actuators if joint not in run.joints]
-    held += [
-        f"says that {column} is in {unit}"
-        for column, unit in units.items()
-        if any(f".{name}".endswith(f".{column}") for name in run.columns())
-        and column not in stated
-        and FACTOR.get(str(unit)) != 1.0
-    ]
-    if held:
-        raise LogError(
-            f"{file} {held[0]} for every log of its folder, and the import of {run.source} does not; say it in the "
-            f"mapping too, or {apart}"
-        )
 
 
 def completed(run: MeasuredRun, said: Mapping[str, Any]) -> MeasuredRun:
