@@ -236,7 +236,7 @@ class _Table:
 
     def merge(self, others: Mapping[str, Topic]) -> None:
         """All topics at the times of the joint states."""
-        apart = {name: why for name, topic in (self.states | others).items() if (why := self._apart(topic))}
+        apart = {name: why for name, topic in {**self.states, **others}.items() if (why := self._apart(topic))}
         self.left |= {short(name): why for name, why in apart.items()}
         near = {name: topic for name, topic in self.states.items() if name not in apart}
         self.robots = robots_of(near, self.main)
@@ -249,7 +249,7 @@ class _Table:
                 self.notes.append(f"{name} is {what}, for its joints have the same names: {called}")
                 self._without(self._measured(name, joints, led=led), f"{name} has no value")
         again = {name: topic for name, topic in near.items() if name not in self.robots.joints}
-        for name, topic in (again | dict(others)).items():
+        for name, topic in {**again, **others}.items():
             if name not in apart:
                 self._told(name, topic)
         first = max((int(np.argmax(np.isfinite(self.columns[name]))) for name in self.commanded), default=0)
