@@ -10,13 +10,12 @@ from ..log.finding import Finding
 from ..log.parts import GAP_PERIODS, WARM_UP, gaps
 from ..log.types import Array, MeasuredRun
 from .context import JointContext
-from .signal import derivatives
+from .signal import OTHER_ERROR_RATIO, derivatives
 
 IRREGULAR_PERIOD_SPREAD = 0.15
 """Spread of the sample period, relative to its median, from which a clock is called irregular."""
 STAMP_ERROR_SHARE = 0.03
 """Step or jitter of time stamps, relative to the period, from which they disturb derivatives."""
-REGULAR_CLOCK_NOISE_RATIO = 0.7  # of the noise at speed that a regular clock must leave
 
 
 def check_clock(run: MeasuredRun) -> Iterator[Finding]:
@@ -82,7 +81,7 @@ def check_stamps(joint: JointContext) -> Iterator[Finding]:
     if fast.sum() < 200:
         return
     stamped, even = (_roughness(time, joint.log.position, fast) for time in (joint.time, grid))
-    if even < REGULAR_CLOCK_NOISE_RATIO * stamped:
+    if even**2 < OTHER_ERROR_RATIO * stamped**2:
         yield Finding(
             "clock.late_stamps", "warning", None, "time",
             f"Time stamps jitter by {1e3 * jitter:.2g} ms (up to {1e3 * np.ptp(late):.2g} ms late), the readings do "

@@ -97,7 +97,12 @@ def _should_change(joint: JointContext, values: Array, stretches: Sequence[tuple
 
 def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
     known = np.isfinite(velocity)
-    if known.mean() < 0.5 or joint.moving.sum() < 100 or joint.span < 20 * joint.noise or np.ptp(velocity[known]) == 0:
+    if (
+        known.mean() < 0.5
+        or joint.moving.sum() < MIN_SAMPLES
+        or joint.span < 20 * joint.noise
+        or np.ptp(velocity[known]) == 0
+    ):
         return
     filled = velocity if known.all() else np.interp(joint.time, joint.time[known], velocity[known])
     lag = _beside_derivative(joint, filled, joint.log.position)
@@ -226,7 +231,7 @@ def _goes_both_ways(values: Array) -> bool:
 
 def _voltage(joint: JointContext, voltage: Array, duty: Array) -> Iterator[Finding]:
     known = np.isfinite(voltage) & np.isfinite(duty)
-    if known.sum() < 100:
+    if known.sum() < MIN_SAMPLES:
         return
     volts, size = voltage[known], np.abs(duty[known])
     quiet = size <= max(0.05, float(np.quantile(size, 0.1)))

@@ -17,7 +17,7 @@ from ..log.finding import Finding
 from ..log.parts import stretches
 from ..log.types import Array, MeasuredSet
 from .context import JointContext, joint_contexts
-from .signal import MIN_EXPLAINED_SHARE, same_unit
+from .signal import MIN_SAMPLES, MIN_STAY_SECONDS, OTHER_ERROR_RATIO, same_unit
 
 COLUMN_UNITS: dict[str, dict[str, float]] = {
     "duty": {"percent": 100.0, "counts of 885": 885.0, "per mille": 1000.0, "counts of 1023": 1023.0},
@@ -28,7 +28,6 @@ COLUMN_UNITS: dict[str, dict[str, float]] = {
 KELVIN_TEMPERATURE = 200.0
 """Temperature that no running motor has in degC."""
 
-MIN_OFF_SECONDS = 0.3  # [s] a drive that is on may do nothing for a while: a dead band, a reversal
 NO_EFFORT_SHARE = 0.01  # of the largest effort of the machine, up to which an effort is none
 OFF_ERROR_RATIO = 1.5  # times the error at which the drive typically works, from which one that does nothing is off
 FAR_GOAL_SHARE = 0.3  # of a stretch without effort in which the goal must be that far away
@@ -91,7 +90,12 @@ def _ratio(values: Array, expected: Array) -> float | None:
     """Column over what the chain says, by least squares where the two go together."""
     good = np.isfinite(values) & np.isfinite(expected)
     a, b = values[good], expected[good]
-    if len(a) < 100 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0 or np.corrcoef(a, b)[0, 1] ** 2 < MIN_EXPLAINED_SHARE:
+    if (
+        len(a) < MIN_SAMPLES
+        or np.ptp(a) == 0.0
+        or np.ptp(b) == 0.0
+        or np.corrcoef(a, b)[0, 1] ** 2 < 1.0 - OTHER_ERROR_RATIO
+    ):
         return None
     return float(a @ b / (b @ b))
 
@@ -181,7 +185,7 @@ def looks_off(joints: Sequence[JointContext]) -> list[np.ndarray | None]:
     if not away or largest == 0.0:
         return found
     working = np.concatenate([away[k][~idle[k]] for k in away])
-    if len(working) < 100:
+    if len(working) < MIN_SAMPLES:
         return found
     far = OFF_ERROR_RATIO * float(np.median(working))
     for k in away:
@@ -200,6 +204,6 @@ def _stretches(time: np.ndarray, idle: np.ndarray, far: np.ndarray) -> np.ndarra
     """Samples (n,) of the long stretches without effort in which the goal is mostly far away."""
     off = np.zeros(len(time), bool)
     for a, b in stretches(idle):
-        if time[b - 1] - time[a] >= MIN_OFF_SECONDS and far[a:b].mean() > FAR_GOAL_SHARE:
+        if time[b - 1] - time[a] >= MIN_STAY_SECONDS and far[a:b].mean() > FAR_GOAL_SHARE:
             off[a:b] = True
     return off

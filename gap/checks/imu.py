@@ -18,14 +18,12 @@ from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
 from .bootstrap import BLOCK_SECONDS, BOOTSTRAP_DRAWS
 from .columns import LAG_TOLERANCE
-from .signal import MIN_EXPLAINED_SHARE, same_unit
+from .signal import LAG_STEP, OTHER_ERROR_RATIO, same_unit
 
 IMU = "imu"
 RATE_HALF_WINDOW = 2.0 * SPEED_REACH
 """[s] to both sides of a moment, over which a turn rate is told by the turns between samples."""
 IMU_LAG_REACH = 0.15  # [s] by which one signal is sought to be later than another
-SEARCH_STEP = 0.0025  # [s]
-LEAST_LAG = 2.0 * LAG_TOLERANCE  # [s] that is worth a word, if it is more than chance: each of the two may be late
 AXES = "xyz"
 
 
@@ -95,7 +93,7 @@ class Match:
         found = []
         for k, other in enumerate(best):
             along = self.correlation[k, other]
-            found.append((other, int(np.sign(along))) if along**2 >= MIN_EXPLAINED_SHARE else (k, 0))
+            found.append((other, int(np.sign(along))) if along**2 >= 1.0 - OTHER_ERROR_RATIO else (k, 0))
         return tuple(found) if any(sign for _, sign in found) else None
 
 
@@ -111,7 +109,7 @@ def match(
     Returns:
         None where there is no motion to tell by, or the best lag is at an end.
     """
-    lags = np.arange(least, most + 0.5 * SEARCH_STEP, SEARCH_STEP)
+    lags = np.arange(least, most + 0.5 * LAG_STEP, LAG_STEP)
     grams = np.concatenate([_grams(*pair, lags, max(abs(least), abs(most))) for pair in pairs], axis=1)
     if grams.shape[1] == 0 or not np.isfinite(grams).all():
         return None
@@ -123,7 +121,7 @@ def match(
         lag = lags[k]
         if 0 < k < len(lags) - 1:
             below, here, above = left[k - 1 : k + 2]
-            lag += 0.5 * SEARCH_STEP * (below - above) / max(below - 2.0 * here + above, 1e-300)
+            lag += 0.5 * LAG_STEP * (below - above) / max(below - 2.0 * here + above, 1e-300)
         return float(lag), total[k]
 
     count = grams.shape[1]
@@ -131,7 +129,7 @@ def match(
     first, both, second = gram[:3, :3], gram[:3, 3:], gram[3:, 3:]
     sizes = np.sqrt(np.outer(np.diag(first), np.diag(second)))
     total = float(np.trace(first))
-    if total <= 0.0 or np.trace(second) <= 0.0 or not least + SEARCH_STEP < lag < most - SEARCH_STEP:
+    if total <= 0.0 or np.trace(second) <= 0.0 or not least + LAG_STEP < lag < most - LAG_STEP:
         return None
     random = np.random.default_rng(0)
     drawn = [best(random.integers(0, count, count))[0] for _ in range(BOOTSTRAP_DRAWS)] if count > 1 else [lag]
@@ -209,7 +207,7 @@ def check_imu(runs: Sequence[MeasuredRun]) -> tuple[list[Finding], bool]:
         return match(rows)
 
     plain, inverse = matched(False), matched(True)
-    if plain is None or inverse is None or max(plain.explained, inverse.explained) < MIN_EXPLAINED_SHARE:
+    if plain is None or inverse is None or max(plain.explained, inverse.explained) < 1.0 - OTHER_ERROR_RATIO:
         return [], False
     if inverse.explained > 0.5 * (1.0 + max(plain.explained, 0.0)):
         sentence = (
@@ -231,7 +229,7 @@ def _of_match(found: Match) -> Iterator[Finding]:
         unit = ": it is in deg/s" if 40.0 < times < 80.0 else ""
         sentence = f"The turn rate of the IMU is {times:.3g} times the derivative of its orientation{unit}."
         yield _finding("imu.unit", "base.imu.turn_x", sentence, value=times)
-    if abs(found.lag) > LEAST_LAG and found.low * found.high > 0.0:
+    if abs(found.lag) > 2.0 * LAG_TOLERANCE and found.low * found.high > 0.0:
         late, early = ("orientation", "turn rate") if found.lag > 0.0 else ("turn rate", "orientation")
         sentence = (
             f"The {late} of the IMU is {1e3 * abs(found.lag):.3g} ms later than its {early} "

@@ -16,7 +16,7 @@ import numpy as np
 from pyarrow import parquet
 
 from ..log.finding import Finding
-from ..log.parts import GAP_PERIODS, PARTS, PIECE_LENGTH, WARM_UP
+from ..log.parts import GAP_PERIODS, PARTS, PIECE_LENGTH, SPEED_REACH, WARM_UP
 from ..log.progress import Progress
 from ..log.reader import iterate_runs, log_files, read_measured
 from ..log.table import BATCH_ROWS
@@ -27,7 +27,6 @@ MAX_SET_ROWS = 120_000  # of a data set that are held: ten minutes at 200 Hz
 WINDOW_SECONDS = 2.0 * PIECE_LENGTH  # [s]
 MIN_WINDOWS = 30  # that the rows must suffice for; windows of fast logs are shorter
 MIN_WINDOW_SECONDS = 4.0 * WARM_UP  # [s], but not shorter than this: up to half of it finds a quiet start and warms up
-SPEED_SPAN = 0.025  # [s] over which speeds are taken, so that they are not noise of the encoder
 JUDGED_IN_WHOLE = ("motion.none", "goal.still", "excitation.little")  # a long log may rest for a piece
 
 
@@ -187,7 +186,7 @@ def describe(run: MeasuredRun) -> np.ndarray:
     """What kind of motion a window has: per joint position, amplitude, speeds of joint and goal, change of speed, duty
     at its end, rest, temperature (f,). Sizes are logarithms, so that small and slow motion is a kind of its own.
     """
-    step = max(round(SPEED_SPAN / run.period), 1)
+    step = max(round(SPEED_REACH / run.period), 1)
     time = run.time[::step]
     numbers = []
     for log in run.joints.values():
@@ -203,7 +202,7 @@ def describe(run: MeasuredRun) -> np.ndarray:
             np.log10(np.abs(speed).max() + 1e-1),
             np.log10(np.sqrt(np.mean(goal_speed**2)) + 1e-2),
             np.log10(np.abs(goal_speed).max() + 1e-1),
-            np.log10(np.sqrt(np.mean(np.diff(speed) ** 2)) / SPEED_SPAN + 1.0),
+            np.log10(np.sqrt(np.mean(np.diff(speed) ** 2)) / SPEED_REACH + 1.0),
             2.0 * float(np.quantile(duty, 0.98)),
             float(np.mean(np.abs(speed) < 0.05)),
             warm / 20.0,

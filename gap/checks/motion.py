@@ -27,6 +27,8 @@ VELOCITY_UNITS = {
     "revolutions per second": 1.0 / FACTOR["turn/s"],
 }
 """How many of each are one rad/s."""
+TURN_IN_UNITS = {"rad": FULL_TURN, "deg": 360.0, "turn": 1.0}
+"""A whole turn in each unit of an angle."""
 UNIT_TOLERANCE = 0.05  # of a ratio: a gear of another ratio is none
 WHOLE_TURN_MARGIN = 0.5
 """Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""
@@ -189,12 +191,10 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
     for signal, values in (("position", position), ("goal", goal)):
         if values is None:
             continue
-        step = joint.step if signal == "position" else 0.0
-        per_turn = 360.0 / step if step > 0 else 0.0
-        bits = np.log2(per_turn) if per_turn > 0 else 0.5
+        steps = steps_of_a_turn(joint.step if signal == "position" else 0.0)
         speed = float(np.quantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.95))
-        if 8 <= bits <= 24 and abs(bits - round(bits)) < 1e-3:
-            wrong[signal] = f"its step of {step:.4g} is a whole turn of 360 divided by {round(per_turn)}"
+        if "deg" in steps:
+            wrong[signal] = f"its step of {joint.step:.4g} is a whole turn of 360 divided by {steps['deg']}"
         elif signal == "position" and np.abs(values).max() > MAX_STOPPED_ANGLE and speed > MAX_GEARED_SPEED / 3.0:
             top = float(np.quantile(np.abs(joint.velocity), 0.995))
             if top > MAX_GEARED_SPEED:
@@ -237,6 +237,12 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
             f"{column} {doubt}. If it is in degrees, multiply it by pi/180; if it is not, say so in the sidecar, "
             f"units: {{{column}: rad}}.",
         )  # fmt: skip
+
+
+def steps_of_a_turn(step: float) -> dict[str, int]:
+    """Units in which a step is that of an encoder, a turn by a power of two, and that number; 0: no step shows."""
+    bits = {unit: float(np.log2(turn / step)) for unit, turn in TURN_IN_UNITS.items()} if step > 0.0 else {}
+    return {unit: 2 ** round(n) for unit, n in bits.items() if 8 <= n <= 24 and abs(n - round(n)) < 1e-3}
 
 
 def _told_by_speed(

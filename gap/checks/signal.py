@@ -15,10 +15,11 @@ DERIVATIVE_WINDOW = 0.05
 """Length of the local polynomial fits [s]: short against servo motion, long against encoder noise."""
 LAG_REACH = 0.06
 """Largest delay or advance of a column that is looked for [s]."""
+LAG_STEP = 2e-3  # [s] between two that are tried
 LAG_BLOCKS = 24
-OTHER_ERROR_RATIO = 0.5  # of the squared error, to which another reading of a column must bring it to be meant
+MIN_STAY_SECONDS = 0.3  # [s] for which a joint must stay away from its goal: a reversal or a dead band takes less
+OTHER_ERROR_RATIO = 0.5  # of the squared error, to which another reading or column must bring it to be what is meant
 FOLLOWS_SHARE = 0.9  # of a column's variance, that another must explain for it to be what this one follows
-MIN_EXPLAINED_SHARE = 0.5  # of a column's variance, that another must explain before both are compared in size
 ANOTHER_UNIT_RATIO = 3.0
 """Ratio of two columns beyond which one is not badly calibrated but in another unit, or of something else: assumed,
 between what wrong numbers of a machine make and the nearest other unit, a turn of 2 pi."""
@@ -242,4 +243,4 @@ def solve_lag(grams: Array, reach: float = LAG_REACH) -> Lag:
 
 
 def _delays(reach: float) -> Array:
-    return np.linspace(-reach, reach, 2 * round(reach / 2e-3) + 1)
+    return np.linspace(-reach, reach, 2 * round(reach / LAG_STEP) + 1)

@@ -14,11 +14,11 @@ import numpy as np
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .context import JointContext, joint_contexts
+from .motion import MIN_GOAL_MOTION
+from .signal import MIN_SAMPLES, MIN_STAY_SECONDS
 
 STOP_PUSH = 0.05  # [rad] that the goal must go beyond a stop: less may be friction or gravity under a soft controller
-STOP_GOAL_SPAN = 0.03  # [rad] over which the goal must vary meanwhile
 STOP_FOLLOWING = 0.15  # change of the angle over that of the goal: a joint that is free follows with about 1
-STOP_SECONDS = 0.3  # [s] against the stop, in all
 STOP_NEAR_SHARE = 0.01  # of the range of motion that counts as at its end
 FREE_FOLLOWING = 0.5  # the same ratio that the joint must show elsewhere for its not following to mean anything
 
@@ -81,7 +81,7 @@ def _stop(
     goal: np.ndarray, position: np.ndarray, slow: np.ndarray, period: np.ndarray, noise: float, reach: float
 ) -> Stop | None:
     """The upper stop, if there is one."""
-    if len(position) < 100:
+    if len(position) < MIN_SAMPLES:
         return None
     if not slow.any():
         return None
@@ -89,7 +89,7 @@ def _stop(
     top, span = float(np.quantile(position[slow], 0.999)), float(np.ptp(position))
     near = position > top - max(6.0 * noise, STOP_NEAR_SHARE * span)
     against = near & slow & (goal > position + STOP_PUSH * reach)
-    if period[against].sum() < STOP_SECONDS or np.ptp(goal[against]) < STOP_GOAL_SPAN * reach:
+    if period[against].sum() < MIN_STAY_SECONDS or np.ptp(goal[against]) < MIN_GOAL_MOTION * reach:
         return None
     elsewhere = slow & ~near
     if (

@@ -11,7 +11,7 @@ from ..log.finding import Finding
 from ..log.torque_side import numbers_and_spread, said_side, side_by_load
 from ..log.types import Array
 from .context import JointContext
-from .signal import MIN_EXPLAINED_SHARE
+from .signal import OTHER_ERROR_RATIO
 from .torque_balance import SHIFT_BIAS, Shift, TorqueBalance, shifted_balance
 
 MIN_TORQUE_SHIFT = 2.0 * SHIFT_BIAS
@@ -38,7 +38,9 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     if found is None:
         return
     balance, shift = found
-    if balance.r2(shift.index) < MIN_EXPLAINED_SHARE or not balance.terms[:, :2].any():  # an empty shaft needs nothing
+    if (
+        balance.r2(shift.index) < 1.0 - OTHER_ERROR_RATIO or not balance.terms[:, :2].any()
+    ):  # an empty shaft needs nothing
         return
     name, column = joints[0].name, joints[0].column("torque")
     armature, friction = _inside(balance, joints)

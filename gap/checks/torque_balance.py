@@ -24,8 +24,8 @@ next swing of a periodic motion may fit better than the true shift; buffers of m
 ERROR_BLOCK = 0.5  # [s] errors closer than this are taken as one observation
 SHIFT_BIAS = 2e-3
 """What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
-MAX_BRIDGED_GAP = 0.03
-"""[s] without torque, or without any sample, that a straight line bridges: a quarter of the window."""
+MAX_BRIDGED_GAP = WEAK_FORM_WINDOW / 4
+"""[s] without torque, or without any sample, that a straight line bridges."""
 ROW_STRIDE = 5  # grid points between two rows: neighbours within the window say the same
 BALANCE_TERMS = (
     "inertia [believed]",

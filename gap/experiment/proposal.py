@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from ..checks.stops import Stop
+from ..log.finding import MAX_TOLD
 from ..log.parts import FIT_A, FIT_B, PARTS, Unit
 from ..log.types import JointLog, MeasuredRun
 from ..replay.free import free_problem
@@ -37,7 +38,6 @@ VISIBLE_DIFFERENCE = 0.3  # noise floors (rms) that a search can still see: belo
 MAX_SEPARATION = 3.0  # noise floors beyond which a pair needs no more
 NOTHING_MORE = "nothing more"
 """Name of the hypothesis that no further cause is there."""
-MAX_RIVALS = 4
 EXPERIMENT_REPEATS = len(PARTS)  # times the excitation is to be run: once for each part of the data
 LOAD_FACTORS = (2.0, 1.5, 0.5)  # of the mass on the shaft, the heavier first: it shows more
 NORMAL_RIDGE = 1e-9  # of the normal equations, relative and absolute
@@ -222,7 +222,7 @@ def _apart(rivals: Sequence[str]) -> str:
 def _rivals(search: Search) -> list[Hypothesis]:
     """The candidates that the first undecided round leaves, beside the other causes that were accepted."""
     for k, step in enumerate(search.rounds):
-        close = [*step.candidates[:1], *search.close(step)][:MAX_RIVALS]
+        close = [*step.candidates[:1], *search.close(step)][:MAX_TOLD]
         before = merge(search.tuned, *(c.variant for j, c in enumerate(search.accepted) if j != k))
         found = [_hypothesis(c.cause.name, middle(*c.fits), before, c.variant) for c in close]
         if found and not step.accepted:  # a round that ends the search leaves open whether anything is missing at all

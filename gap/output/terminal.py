@@ -26,7 +26,6 @@ MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of
 
 LIMITS = "limits"  # code of the reason that lists them all
 LEAD = "Nothing was found. That much could be there unseen, hidden by numbers within their tolerance:"
-MIN_TOLD_NOISES = 1.0  # by which a number must move a joint to be told
 PROVISIONAL = (
     "A first look, provisional: all usual numbers turned together, and no data held back to judge them. "
     "The diagnosis without look=true does that."
@@ -225,7 +224,7 @@ def _numbers(seen: Look, unit: str) -> Iterator[str]:
     nominal = seen.problem.models[0]
     by_path = {p.path: p for p in seen.parameters}
     for path, moved in seen.effects().items():
-        if moved < MIN_TOLD_NOISES * seen.problem.noise:
+        if moved < seen.problem.noise:
             continue
         parameter = by_path[path]
         ends = (seen.found.values[path], *seen.bounds[path])

@@ -11,7 +11,7 @@ from ...actuators.stages.controller import Ideal
 from ...envs.robots import robot_meant
 from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.drive import released
-from ..checks.motion import MAX_STOPPED_ANGLE
+from ..checks.motion import MAX_STOPPED_ANGLE, TURN_IN_UNITS, steps_of_a_turn
 from ..checks.signal import quantisation_step, same_unit
 from ..load.robot import Machine
 from ..load.units import POSITIONS, in_model_units
@@ -23,10 +23,6 @@ from .pieces import chain_of
 
 TAKEN, UNUSED = "command.beside", "command.unused"
 """Codes of the findings on what an impedance drive is told beside its goal."""
-TURN_IN_UNITS = {"rad": 2.0 * np.pi, "deg": 360.0, "turn": 1.0}
-"""A whole turn in each unit of an angle."""
-ENCODER_BITS = (8, 24)  # of an encoder: its steps are a turn by a power of two
-BIT_TOLERANCE = 1e-3  # of a bit, which a number of steps may be off a power of two
 OTHER_UNITS = ("unit.degrees", "unit.ticks", "unit.millimetres", "unit.length")
 """Findings that a position or goal is in another unit than the model's."""
 
@@ -124,17 +120,12 @@ def _check_steps(run: MeasuredRun, converted: dict[str, str]) -> None:
     for column, word in converted.items():
         joint, _, signal = column.rpartition(".")
         step = quantisation_step(run.joints[joint].signals()[signal]) if word in TURN_IN_UNITS else 0.0
-        bits = {unit: float(np.log2(turn / step)) for unit, turn in TURN_IN_UNITS.items()} if step > 0.0 else {}
-        fits = [
-            unit
-            for unit, n in bits.items()
-            if ENCODER_BITS[0] <= n <= ENCODER_BITS[1] and abs(n - round(n)) < BIT_TOLERANCE
-        ]
-        if fits and word not in fits:
+        steps = steps_of_a_turn(step)
+        if steps and word not in steps:
+            unit, count = next(iter(steps.items()))
             raise LogError(
-                f"{run.name}: units says that {column} is in {word}, and it is in {fits[0]}: its step of {step:.4g} is "
-                f"a whole turn of {TURN_IN_UNITS[fits[0]]:.4g} divided by {2 ** round(bits[fits[0]])}; correct the "
-                "entry."
+                f"{run.name}: units says that {column} is in {word}, and it is in {unit}: its step of {step:.4g} is "
+                f"a whole turn of {TURN_IN_UNITS[unit]:.4g} divided by {count}; correct the entry."
             )
 
 

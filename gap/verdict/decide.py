@@ -29,6 +29,7 @@ from ..measure.named import CERTAIN, WITHDRAWN, NamedCause, OpenCause
 from ..measure.signatures import disagreeing
 from ..measure.unseen import first
 from ..replay.problem import OF_A_ROBOT, JointProblem, diverged
+from ..search.settings import DEFAULT
 from ..search.structure import listed
 from .evidence import Evidence, Refused, Replayed
 from .verdict import (
@@ -59,7 +60,6 @@ from .words import (
     verb,
 )
 
-TOLD_CHANGE = 5e-3  # change of a number below which no one is told of it
 MAX_SENTENCE_WORDS = 25  # of the sentence that a verdict is told in
 
 
@@ -162,7 +162,7 @@ def _nothing(found: Replayed, limit: Thresholds) -> Verdict:
 
 def _turned(found: Replayed) -> str:
     """The tuned numbers that the fit needs most, to follow the word tolerance."""
-    turned = [(number, factor) for number, factor in found.factors.items() if abs(factor - 1.0) > TOLD_CHANGE]
+    turned = [(number, factor) for number, factor in found.factors.items() if abs(factor - 1.0) > DEFAULT.least_change]
     return f": {first(turned)}" if turned else ""
 
 
