@@ -145,12 +145,13 @@ def _hinges(stage: Stage) -> Found:
     if trial.proposed.frames.keys() <= beside[0].keys() and not _nearer(beside, turned):
         return Found(zeros=compared.silent)
     if not (_tells(robot, machine, trial.proposed.frames, stage.given) and _better(before, trial.missed)):
-        doubt = _doubted(compared, trial.proposed)
+        doubt = _doubted(compared, trial.proposed.least, trial.proposed.frames, _image(trial.proposed))
         return Found({}, trial.proposed.frames, [doubt], compared.silent)
     stage.progress("fitting the zeros that are taken")
     trial = _refined(machine, robot, trial)
-    doubt = _taken(compared, trial.proposed, before, trial.missed)
-    return Found(trial.proposed.frames, (), [doubt], compared.silent)
+    last = trial.proposed
+    doubt = _taken(compared, last.least, last.frames, (before, trial.missed), _image(last))
+    return Found(last.frames, (), [doubt], compared.silent)
 
 
 def _first_slides(stage: Stage) -> Found:
@@ -178,11 +179,14 @@ def _slides(stage: Stage, *, outside: bool) -> Found:
         before, after = (_missed(some, slides=True) for some in (machine, machine.in_frames(told)))
         alone = all(name in run for run in before for name in told)  # what a force drives is only doubted
         if alone and _nearer(before, after):
-            doubts.append(_turned(compared, told, before, after))
+            those = tuple([{name: run[name] for name in told} for run in missed] for missed in (before, after))
+            more = _alike(set(told) & set(compared.alike)) + _instead(compared)
+            doubts.append(_taken(compared, compared.least, told, (those[0], those[1]), more))
         else:
             doubtful, told = {**doubtful, **told}, {}
     if doubtful:
-        doubts.append(_may_be_turned(compared, doubtful))
+        more = _alike(set(doubtful) & {*compared.alike, *compared.doubtful}) + _instead(compared)
+        doubts.append(_doubted(compared, compared.least, doubtful, more))
     return Found(told, doubtful, doubts, directions=silent)
 
 
@@ -345,49 +349,38 @@ def _image(proposed: Proposed) -> str:
     )
 
 
-def _taken(compared: Compared, proposed: Proposed, before: Missed, after: Missed) -> Finding:
+def _taken(
+    compared: Compared | Directions, least: float, frames: Mapping[str, Frame], missed: tuple[Missed, Missed], more: str
+) -> Finding:
+    """That other frames are taken, with what the nominal robot misses of the log before and after."""
+    what, who, unit = "places", listed(list(frames)), "mm"
+    if isinstance(compared, Compared):
+        what, who, unit = "angles", "the hinges", "mrad"
+    before, after = (f"{1e3 * _together(each):.3g} {unit}" for each in missed)
     return Finding(
         DOUBTED, "warning", None, None,
-        f"The angles of log and model do not match: the hinges of the nominal robot miss the log by "
-        f"{1e3 * _together(before):.3g} mrad rms as the files say, by {1e3 * _together(after):.3g} mrad with "
-        f"{_said(proposed.frames)}. These are taken here. Check them, write what is right into the sidecar under meta: "
-        f"frames, and diagnose again; no next experiment is proposed before.{_image(proposed)}",
-        value=compared.left - proposed.least,
+        f"The {what} of log and model do not match: {who} of the nominal robot miss the log by {before} rms as the "
+        f"files say, by {after} with {_said(frames)}. These are taken here. Check them, write what is right into the "
+        f"sidecar under meta: frames, and diagnose again; no next experiment is proposed before.{more}",
+        value=compared.left - least,
     )  # fmt: skip
 
 
-def _doubted(compared: Compared, proposed: Proposed) -> Finding:
+def _doubted(compared: Compared | Directions, least: float, frames: Mapping[str, Frame], more: str) -> Finding:
+    """That other frames would fit better, and are not taken."""
+    what, effort, other = "directions", "force", ""
+    if isinstance(compared, Compared):
+        what, effort, other = (
+            "zeros or directions",
+            "torque",
+            " A centre of mass that lies elsewhere looks like another zero.",
+        )
     return Finding(
         DOUBTED, "warning", None, None,
-        f"The drives' torque fits the model's gravity and coupling badly ({compared.left:.0%} is left over), and "
-        f"better with other zeros or directions ({proposed.least:.0%}), for instance {_said(proposed.frames)}. A "
-        "centre of mass that lies elsewhere looks like another zero. Check how the angles of log and model stand to "
-        f"each other, and write what is right into the sidecar under meta: frames.{_image(proposed)}",
-        value=compared.left - proposed.least,
-    )  # fmt: skip
-
-
-def _turned(compared: Directions, frames: Mapping[str, Frame], before: Missed, after: Missed) -> Finding:
-    one, other = (_together([{name: run[name] for name in frames} for run in missed]) for missed in (before, after))
-    return Finding(
-        DOUBTED, "warning", None, None,
-        f"The places of log and model do not match: {listed(list(frames))} of the nominal robot "
-        f"{'misses' if len(frames) == 1 else 'miss'} the log by {1e3 * one:.3g} mm rms as the files say, by "
-        f"{1e3 * other:.3g} mm with {_said(frames)}. These are taken here. Check them, write "
-        "what is right into the sidecar under meta: frames, and diagnose again; no next experiment is proposed before."
-        f"{_alike(set(frames) & set(compared.alike))}{_instead(compared)}",
-        value=compared.left - compared.least,
-    )  # fmt: skip
-
-
-def _may_be_turned(compared: Directions, frames: Mapping[str, Frame]) -> Finding:
-    return Finding(
-        DOUBTED, "warning", None, None,
-        f"The drives' force fits the model's gravity and coupling badly ({compared.left:.0%} is left over), and better "
-        f"({compared.least:.0%}) with {_said(frames)}. Check which way each of these joints counts, and write what is "
-        f"right into the sidecar under meta: frames."
-        f"{_alike(set(frames) & {*compared.alike, *compared.doubtful})}{_instead(compared)}",
-        value=compared.left - compared.least,
+        f"The drives' {effort} fits the model's gravity and coupling badly ({compared.left:.0%} is left over), and "
+        f"better with other {what} ({least:.0%}), for instance {_said(frames)}.{other} Check how log and model stand "
+        f"to each other there, and write what is right into the sidecar under meta: frames.{more}",
+        value=compared.left - least,
     )  # fmt: skip
 
 
