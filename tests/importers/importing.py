@@ -18,11 +18,36 @@ DEG = 180.0 / np.pi
 RAD = {"goal_rad": ANGLE, "pos_rad": LATE}
 
 
+TICK = 2.0 * np.pi / 4096
+
+
+def motion(seconds: float = 20.0, rate: float = 200.0, lag: float = 0.05, seed: int = 0) -> dict[str, np.ndarray]:
+    """A goal and a joint that follows it late [s, rad, rad/s], read by an encoder of 4096 ticks."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, 1.0 / rate)
+    rates, phases, sizes = np.array([1.3, 3.1, 7.0]), rng.uniform(0, 6, 3), np.array([0.6, 0.3, 0.08])
+
+    def angle(t: np.ndarray) -> np.ndarray:
+        return (sizes * np.sin(rates * t[:, None] + phases)).sum(1)
+
+    def speed(t: np.ndarray) -> np.ndarray:
+        return (sizes * rates * np.cos(rates * t[:, None] + phases)).sum(1)
+
+    position = 0.9 * angle(time - lag)
+    return {
+        "time": time,
+        "goal": angle(time),
+        "position": np.round(position / TICK) * TICK,
+        "smooth": position,
+        "velocity": 0.9 * speed(time - lag) + rng.normal(0.0, 0.01, len(time)),
+    }
+
+
 def table(folder: Path, columns: dict[str, np.ndarray], name: str = "run.csv") -> Path:
     """Columns as a CSV file."""
     path = folder / name
     rows = np.stack(list(columns.values()), axis=1)
-    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.9g", encoding="utf-8")
+    np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.12g", encoding="utf-8")
     return path
 
 

@@ -13,7 +13,7 @@ from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.prepare.checking import check_log
 from sealegs.gap.prepare.columns import commanded
 
-from tests.importers.test_import import motion
+from tests.importers.importing import motion
 
 MOVED = motion(20.0, 100.0, 0.05, seed=3)
 TIME = MOVED["time"]

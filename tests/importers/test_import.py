@@ -18,39 +18,10 @@ from sealegs.gap.log.importers.mapping import Mapping
 from sealegs.gap.log.importers.proposal import propose
 from sealegs.gap.virtual.bench import LOADS
 
+from tests.importers.importing import motion, table
+
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}")
-TICK = 2.0 * np.pi / 4096
-
-
-def motion(seconds: float = 20.0, rate: float = 200.0, lag: float = 0.05, seed: int = 0) -> dict[str, np.ndarray]:
-    """A goal and a joint that follows it late [s, rad, rad/s], read by an encoder of 4096 ticks."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(0.0, seconds, 1.0 / rate)
-    rates, phases, sizes = np.array([1.3, 3.1, 7.0]), rng.uniform(0, 6, 3), np.array([0.6, 0.3, 0.08])
-
-    def angle(t: np.ndarray) -> np.ndarray:
-        return (sizes * np.sin(rates * t[:, None] + phases)).sum(1)
-
-    def speed(t: np.ndarray) -> np.ndarray:
-        return (sizes * rates * np.cos(rates * t[:, None] + phases)).sum(1)
-
-    position = 0.9 * angle(time - lag)
-    return {
-        "time": time,
-        "goal": angle(time),
-        "position": np.round(position / TICK) * TICK,
-        "smooth": position,
-        "velocity": 0.9 * speed(time - lag) + rng.normal(0.0, 0.01, len(time)),
-    }
-
-
-def table(folder: Path, columns: dict[str, np.ndarray], name: str = "run.csv", separator: str = ",") -> Path:
-    path = folder / name
-    lines = [separator.join(columns)]
-    lines += [separator.join(f"{value:.10g}" for value in row) for row in zip(*columns.values(), strict=True)]
-    path.write_text("\n".join(lines) + "\n")
-    return path
 
 
 def proposed(path: Path, unit: str | None = None) -> tuple[dict[str, str], dict[str, str], list[str]]:
@@ -85,24 +56,6 @@ def test_the_steps_of_an_encoder_tell_the_unit_that_nobody_says(tmp_path: Path) 
         texts, trust, asked = proposed(path)
         assert texts["joint.position"] == f"angle{behind}" and trust["joint.position"] == "sure"
         assert texts["joint.goal"] == f"target{behind}" and not asked
-
-
-def test_ticks_that_no_name_explains_are_asked_about(tmp_path: Path) -> None:
-    m = motion()
-    ticks = table(
-        tmp_path, {"time": m["time"], "goal": 2048 + m["goal"] / TICK, "pos": np.round(2048 + m["position"] / TICK)}
-    )
-    assert "joint.position" in proposed(ticks)[2]
-
-
-def test_semicolons_decimal_commas_and_comments_are_read(tmp_path: Path) -> None:
-    m = motion(5.0)
-    path = table(
-        tmp_path, {"Zeit [ms]": 1e3 * m["time"], "Soll [deg]": m["goal"], "Ist [deg]": m["smooth"]}, separator=";"
-    )
-    path.write_text("% made by a tool\n" + path.read_text().replace(".", ","))
-    (recording,) = read_recordings(path)
-    np.testing.assert_allclose(recording.columns["Ist [deg]"], m["smooth"], atol=1e-9)
 
 
 def test_the_first_call_shows_and_stops_and_the_second_imports(
@@ -185,9 +138,6 @@ def test_matlab_vectors_and_numbers_become_columns_and_constants(tmp_path: Path)
     log = read_measured(tmp_path / "log").runs[0].joints["j"]
     assert log.torque_command is not None
     np.testing.assert_allclose(log.torque_command, 2.0 * m["velocity"], atol=1e-12)
-    (tmp_path / "b.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + b"\0" * 600)
-    with pytest.raises(LogError, match="is not a MATLAB file, or a damaged one"):
-        read_recordings(tmp_path / "b.mat")
 
 
 def test_a_rod_that_nobody_weighed_is_the_benchs_own_in_an_import_too(tmp_path: Path) -> None:

@@ -20,8 +20,7 @@ from sealegs.gap.log.importers import propose_for, read_recordings
 from sealegs.gap.log.importers.claims import claims_of
 from sealegs.gap.log.importers.dialects import dialects
 
-from tests.importers.importing import ANGLE, LATE, RAD, TIME, table
-from tests.importers.test_import import motion
+from tests.importers.importing import ANGLE, LATE, RAD, TIME, motion, table
 
 ROWS = [{"t": t, "arm": {"pos": p, "cmd": g}, "q": [p, g]} for t, g, p in zip(TIME, ANGLE, LATE, strict=True)]
 
@@ -84,13 +83,6 @@ def test_a_neighbour_that_has_no_numbers_by_name_is_noted_and_not_read(tmp_path:
         "# Note: run.json has no numbers by their names and is not read." in propose_for(source, tmp_path / "out").text
     )
     assert len(read_recordings(tmp_path)) == 1
-
-
-def test_a_clock_that_jumps_back_once_is_parted_there(tmp_path: Path) -> None:
-    time = np.where(TIME < 5.0, TIME, TIME - 5.0)
-    text = propose_for(table(tmp_path, {"time_s": time, **RAD}), tmp_path / "out").text
-    assert "it jumps back in row 501, from 4.99 to 0: there one recording ends and the next begins" in text
-    assert "`where: 500 - row`" in text and "`where: row - 499`" in text and "sort" not in text
 
 
 def cell(items: list[object]) -> np.ndarray:

@@ -13,7 +13,7 @@ from sealegs.gap.log.importers.lines import ASK
 from sealegs.gap.log.importers.proposal import propose
 
 from tests.importers.bags import Bag
-from tests.importers.test_import import motion
+from tests.importers.importing import motion
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 TIME = np.arange(600) * 0.01
@@ -200,12 +200,3 @@ def test_joint_states_that_a_second_topic_repeats_are_of_one_robot(tmp_path: Pat
             if k % 10 == 0:
                 bag.state("/robot/joint_states", float(t) + 1e-3, NAMES, positions)
     assert _goals(tmp_path / "run").keys() == {f"{name}.goal" for name in NAMES}
-
-
-def test_a_goal_that_fits_best_at_the_longest_delay_is_asked_about(tmp_path: Path) -> None:
-    made = motion(20.0, 100.0, 0.05, seed=3)
-    position = np.interp(made["time"] - 0.6, made["time"], made["goal"])
-    rows = np.stack([made["time"], made["goal"], position], axis=1)
-    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="time_s,goal_rad,pos_rad", comments="", fmt="%.6f")
-    found = propose(read_recordings(tmp_path / "run.csv"))
-    assert any("the longest delay that is looked at" in question.ask for question in found.questions)

@@ -15,7 +15,7 @@ from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.proposal import propose
 
 from tests.importers.bags import NEW, OLD, Bag, Points
-from tests.importers.test_import import motion
+from tests.importers.importing import motion
 
 
 def test_a_topic_of_an_unknown_type_is_named_and_the_rest_is_read(tmp_path: Path) -> None:
@@ -93,33 +93,34 @@ def led(path: Path, sent: Sequence[tuple[float, Points]], rest: float = 0.0) -> 
     return full
 
 
-def test_points_of_a_trajectory_are_laid_out_after_its_message(tmp_path: Path) -> None:
+WAVE: Points = [(float(t), [float(np.sin(t))], [float(np.cos(t))]) for t in np.linspace(0.0, 4.0, 9)]
+AT = 0.01 * np.arange(601)
+
+
+@pytest.mark.parametrize(
+    ("sent", "rest", "wanted"),
+    [
+        ([(1.0, [(1.0, [1.0], []), (2.0, [0.0], [])])], 0.5, np.interp(AT, [1.0, 2.0, 3.0], [0.5, 1.0, 0.0])),
+        # a later message replaces the rest of an earlier one
+        ([(1.0, [(0.0, [0.0], []), (2.0, [2.0], [])]), (2.0, [(1.0, [0.0], [])])], 0.0,
+         np.interp(AT, [1.0, 2.0, 3.0], [0.0, 1.0, 0.0])),
+        # points with velocities are joined by cubics
+        ([(1.0, WAVE)], 0.0, np.sin(np.clip(AT - 1.0, 0.0, 4.0))),
+    ],
+)  # fmt: skip
+def test_points_of_a_trajectory_are_laid_out_after_its_message(
+    tmp_path: Path, sent: Sequence[tuple[float, Points]], rest: float, wanted: np.ndarray[Any, Any]
+) -> None:
     """A topic without a word of a command was not read, and of a message its first point alone."""
-    goal = led(tmp_path / "run", [(1.0, [(1.0, [1.0], []), (2.0, [0.0], [])])], rest=0.5)
-    time = 0.01 * np.arange(601)
+    goal = led(tmp_path / "run", sent, rest)
     assert np.isnan(goal[:100]).all()
-    np.testing.assert_allclose(goal[100:], np.interp(time, [1.0, 2.0, 3.0], [0.5, 1.0, 0.0])[100:], atol=1e-6)
-
-
-def test_a_later_trajectory_replaces_the_rest_of_an_earlier_one(tmp_path: Path) -> None:
-    first: Points = [(0.0, [0.0], []), (2.0, [2.0], [])]
-    goal = led(tmp_path / "run", [(1.0, first), (2.0, [(1.0, [0.0], [])])])
-    wanted = np.interp(0.01 * np.arange(601), [1.0, 2.0, 3.0], [0.0, 1.0, 0.0])
-    np.testing.assert_allclose(goal[100:], wanted[100:], atol=1e-6)
+    np.testing.assert_allclose(goal[100:], wanted[100:], atol=5e-4)
 
 
 def test_a_stream_of_points_that_are_never_due_moves_the_goal(tmp_path: Path) -> None:
     """Teleoperation replaces each message before its point: a controller is on the way to it all the same."""
     goal = led(tmp_path / "run", [(0.02 * k, [(0.1, [0.02 * k + 0.1], [])]) for k in range(250)])
     assert goal[240] == pytest.approx(2.4, abs=0.15)
-
-
-def test_points_with_velocities_are_joined_by_cubics(tmp_path: Path) -> None:
-    after = np.linspace(0.0, 4.0, 9)
-    points = [(float(t), [float(np.sin(t))], [float(np.cos(t))]) for t in after]
-    goal = led(tmp_path / "run", [(1.0, points)])
-    np.testing.assert_allclose(goal[100:501], np.sin(0.01 * np.arange(401)), atol=5e-4)
-    np.testing.assert_allclose(goal[501:], np.sin(4.0), atol=1e-6)
 
 
 def test_a_trajectory_becomes_the_goal_of_its_joint(tmp_path: Path) -> None:

@@ -108,11 +108,6 @@ def test_gains_of_a_recording_reach_a_chain_that_is_a_stiffness(
 # --- what is set aside by name ---------------------------------------------------------------------------------------
 
 
-def test_a_value_beyond_anything_a_joint_can_have_is_set_aside_by_name(tmp_path: Path) -> None:
-    torque = np.where(np.arange(len(TIME)) % 2, 1.04e224, 0.1)
-    assert "torque: it holds 1.04e+224" in proposed(tmp_path, {"time": TIME, **RAD, "torque": torque}).text
-
-
 @pytest.mark.parametrize("cell", ["=cmd|calc", "=A1*2", "@SUM(A1)"])
 def test_formulas_of_a_spreadsheet_are_not_computed_and_called_so(tmp_path: Path, cell: str) -> None:
     """They were 'text', or a file 'without a header line'."""

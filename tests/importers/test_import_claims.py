@@ -231,21 +231,6 @@ def two(form: str, first: np.ndarray, second: np.ndarray) -> dict[str, np.ndarra
 ROBOT = two("dof_pos[{}]", LATE, SECOND_LATE)
 
 
-def test_joints_of_a_robot_that_are_called_dof_keep_their_names(tmp_path: Path) -> None:
-    inner = '<body pos="0 0 1"><joint name="dof_1"/><geom size="0.1" mass="1"/></body>'
-    (tmp_path / "robot.xml").write_text(
-        f'<mujoco><worldbody><body><joint name="dof_0"/><geom size="0.1" mass="1"/>{inner}</body></worldbody></mujoco>'
-    )
-    columns = {"time": TIME} | ROBOT | two("dof_pos_target[{}]", ANGLE, SECOND)
-    found = propose_for(table(tmp_path, columns), tmp_path / "out", None, str(tmp_path / "robot.xml")).mapping
-    assert {"dof_0.position", "dof_1.goal"} <= found.columns.keys()
-
-
-def test_two_positions_with_and_without_the_word_joint_are_two_joints() -> None:
-    found = spoken(["joint_A1_pos", "A1_pos", "A1_cmd"])
-    assert [spoken.joint for spoken in found.values()] == ["joint_A1", "A1", "A1"]
-
-
 @pytest.mark.parametrize(
     ("state", "command"),
     [
@@ -280,24 +265,13 @@ def test_an_arm_that_leads_is_no_goal_where_the_one_that_follows_has_one_or_none
 GRID = 360.0 / 4096
 
 
-def test_an_opening_in_percent_beside_degrees_is_asked_about_whatever_unit_is_said(tmp_path: Path) -> None:
-    """unit=deg made 0..100 degrees of how far a gripper was open."""
-    degrees = {"lift.goal": 40.0 * ANGLE, "lift.position": GRID * np.round(40.0 * LATE / GRID)}
-    share = {"gripper.goal": 50.0 + 60.0 * ANGLE, "gripper.position": 50.0 + 60.0 * LATE}
-    assert share["gripper.position"].min() >= 0.0 and share["gripper.position"].max() <= 100.0
-    source = table(tmp_path, {"time": TIME} | degrees | share)
-    found = propose_for(source, tmp_path / "out", unit="deg").mapping
-    asked = [name for question in found.questions for name in question.about]
-    assert "gripper.position" in asked and "lift.position" not in asked
-    assert any("a share of the calibrated range" in question.ask for question in found.questions)
-
-
 @pytest.mark.parametrize(
     ("joints", "columns"),
     [
         (("joint_1", "joint_2"), "{}.goal {}.position"),
         (("leftHipYaw", "leftKnee"), "{}_cmd {}_pos"),
         (("Joint-A", "Joint-B"), "{}_cmd {}_pos"),
+        (("dof_0", "dof_1"), "{}_pos_target {}_pos"),
     ],
 )
 def test_joints_are_called_as_in_the_file_of_the_robot(tmp_path: Path, joints: tuple[str, str], columns: str) -> None:

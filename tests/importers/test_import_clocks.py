@@ -17,7 +17,7 @@ from sealegs.gap.log.importers.clocks import find_clock
 from sealegs.gap.log.importers.dialects import dialects
 from sealegs.gap.log.importers.mapping import converted
 
-from tests.importers.test_import import motion, table
+from tests.importers.importing import motion, table
 
 
 def swing(time: np.ndarray) -> np.ndarray:
@@ -40,13 +40,6 @@ def test_a_clock_of_a_fast_log_is_not_read_as_a_slow_one_in_silence(tmp_path: Pa
     assert question.about == ("time",) and f"{1.0 / period:.0f} Hz in {unit}" in question.ask
     found = propose_for(table(tmp_path, {f"time_{unit}": per * time, **columns}), tmp_path / "out").mapping
     assert not found.questions
-
-
-def test_noise_at_a_high_rate_is_no_slow_log(tmp_path: Path) -> None:
-    time, columns = recorded(5e-4, 1.0)
-    columns["position_rad"] = columns["position_rad"] + 0.2 * np.random.default_rng(0).normal(size=len(time))
-    (question, *_) = propose_for(table(tmp_path, {"time": 1e3 * time, **columns}), tmp_path / "out").mapping.questions
-    assert question.about == ("time",)
 
 
 def test_stamps_since_1970_tell_their_unit(tmp_path: Path) -> None:
@@ -213,27 +206,6 @@ def test_names_within_lists_and_mappings_name_the_joints(tmp_path: Path, names: 
 def test_names_that_do_not_name_the_places_are_noted(tmp_path: Path, action: object, fault: str) -> None:
     (recording,) = read_recordings(lerobot(tmp_path / "set", ["hip", "knee"], action))
     assert any(f"'action' has {fault} for 2 numbers" in note for note in recording.notes)
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    return np.degrees(3.0 * angle) % 360.0
-
-
-def test_a_question_spells_a_joint_as_the_mapping_does(tmp_path: Path) -> None:
-    columns = {"time": TIME, "actuators[0].position": ANGLE, "actuators[1].position": OTHER["smooth"]}
-    mapping = propose_for(table(tmp_path, columns), tmp_path / "out").mapping
-    asked = {question.about[0]: question.ask for question in mapping.questions if question.about[0].endswith(".goal")}
-    assert set(asked) == {"actuators[0].goal", "actuators[1].goal"}
-    assert "commanded to actuators[0]? It needs actuators[0].goal" in asked["actuators[0].goal"]
-
-
-def test_goals_in_a_series_go_to_positions_of_the_same_index_though_both_wrap(tmp_path: Path) -> None:
-    columns = {"time": TIME}
-    for k, run in enumerate((RUN, OTHER)):
-        columns |= {f"actuators[{k}].position": wrapped(run["smooth"]), f"cmd[{k}].position": wrapped(run["goal"])}
-    mapping = propose_for(table(tmp_path, columns), tmp_path / "out", unit="deg").mapping
-    assert mapping.columns["actuators[0].goal"] == "cmd[0].position*pi/180"
-    assert mapping.columns["actuators[1].goal"] == "cmd[1].position*pi/180"
 
 
 def bam(path: Path, entries: list[dict[str, object]], encoding: str = "utf-8") -> Path:

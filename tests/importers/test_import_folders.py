@@ -15,7 +15,7 @@ from sealegs.gap.log.importers.mapping import Mapping
 from sealegs.gap.log.importers.motion import Relation
 from sealegs.gap.log.importers.names import said
 
-from tests.importers.test_import import motion, table
+from tests.importers.importing import motion, table
 
 M = motion(5.0, 100.0)
 COLUMNS = {"time": "t", "joint.goal": "goal_rad", "joint.position": "pos_rad"}

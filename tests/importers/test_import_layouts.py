@@ -12,7 +12,7 @@ from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import Recording, answered, import_logs, read_mapping
 from sealegs.gap.log.importers.mapping import Mapping, filled
 
-from tests.importers.test_import import motion, table
+from tests.importers.importing import motion, table
 from tests.importers.test_import_tables import texts_of
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -48,6 +48,7 @@ def test_two_columns_of_one_name_are_two_joints_with_names(tmp_path: Path) -> No
         (np.repeat(TIME[:250], 2), "2 rows have the same stamp: of a row for each joint make a column for each joint"),
         (np.floor(TIME), "100 rows have the same stamp: export it with fractions of a second"),
         (TIME % 2.5, "it jumps back in row 251, from 2.49 to 0: there one recording ends and the next begins"),
+        (TIME % 2.5, "the line `where: 250 - row` in one mapping and `where: row - 249` in the other"),
         (1e12 * TIME, "its steps of 1e+10 are no sample period"),
     ],
 )
@@ -231,21 +232,6 @@ def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pyt
     (tmp_path / "run.json").write_text(json.dumps({"mass": "heavy", "length": 0.1, "entries": entries}))
     assert main(["import", str(tmp_path / "run.json"), f"out={tmp_path / 'log'}", "yes=true"]) == 2
     assert "mass is 'heavy', no number [kg]; correct it in the file." in one_line(capsys)
-
-
-def test_registers_are_asked_about_and_fahrenheit_is_converted(tmp_path: Path) -> None:
-    tick = 2 * np.pi / 4096
-    columns = {
-        "Time(ms)": 1e3 * TIME, "Goal Position": np.round(2048 + M["goal"] / tick),
-        "Present Position": np.round(2048 + M["smooth"] / tick),
-        "Present Velocity": np.round(M["velocity"] / (0.229 * np.pi / 30)),
-        "Present Current": np.round(40 * M["velocity"]), "temp_F": 95.0 + 0 * TIME,
-    }  # fmt: skip
-    texts, asked, _ = texts_of(table(tmp_path, columns))
-    assert {"joint.position", "joint.velocity", "joint.current"} <= {*asked}
-    expression, _, per_count = texts["joint.velocity"].rpartition("*")
-    assert expression == "`Present Velocity`" and float(per_count) == pytest.approx(0.229 * np.pi / 30, rel=0.02)
-    assert texts["joint.temperature"] == "(temp_F - 32)/1.8"
 
 
 def test_cells_with_their_unit_and_sample_periods_are_read(tmp_path: Path) -> None:

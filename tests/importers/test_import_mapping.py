@@ -21,7 +21,7 @@ from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.hw.virtual.faults import read_faults
 from sealegs.hw.virtual.hidden import hide
 
-from tests.importers.test_import import motion, table
+from tests.importers.importing import motion, table
 
 M = motion(5.0, 100.0, seed=1)
 COLUMNS = "columns: {time: t, joint.goal: goal, joint.position: q}\n"

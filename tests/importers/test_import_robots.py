@@ -19,7 +19,7 @@ from sealegs.gap.log.importers import Recording, import_logs, propose_for, read_
 from sealegs.gap.log.importers.proposal import propose
 
 from tests.importers.bags import START, Bag
-from tests.importers.test_import import motion
+from tests.importers.importing import motion
 
 NAMES = ["shoulder_pan.pos", "gripper.pos"]
 

@@ -10,7 +10,7 @@ from scipy.io import savemat
 from sealegs.gap.log import LogError
 from sealegs.gap.log.importers import propose_for, read_recordings
 
-from tests.importers.test_import import motion, table
+from tests.importers.importing import motion
 
 MOTIONS = [motion(5.0, 100.0, seed=seed) for seed in range(3)]
 TIME = MOTIONS[0]["time"]
@@ -127,22 +127,6 @@ def test_a_variable_that_is_called_as_a_label_keeps_its_values(tmp_path: Path) -
     (recording,) = read_recordings(tmp_path / "log.mat")
     np.testing.assert_allclose(recording.columns["u"], MOTIONS[1]["goal"])
     np.testing.assert_allclose(recording.columns["simout_signals1"], MOTIONS[0]["goal"])
-
-
-def test_states_of_libfranka_have_their_joints_goals_and_torques(tmp_path: Path) -> None:
-    """Joints d0, d1 were found, and the measured torques left out."""
-    columns = {"time": TIME}
-    for k, one in enumerate(MOTIONS[:2]):
-        goal_velocity = np.gradient(one["goal"], TIME)
-        columns |= {f"q[{k}]": one["smooth"], f"q_d[{k}]": one["goal"], f"dq[{k}]": one["velocity"]}
-        columns |= {f"dq_d[{k}]": goal_velocity, f"tau_J[{k}]": 3 * one["smooth"], f"tau_J_d[{k}]": 3.3 * one["goal"]}
-    found = columns_of(table(tmp_path, columns))
-    for k in range(2):
-        joint = f"joint{k}"
-        assert found[f"{joint}.position"] == f"q[{k}]" and found[f"{joint}.goal"] == f"q_d[{k}]"
-        assert found[f"{joint}.goal_velocity"] == f"dq_d[{k}]" and found[f"{joint}.torque"] == f"tau_J[{k}]"
-        assert found[f"{joint}.torque_command"] == f"tau_J_d[{k}]"
-    assert len(found) == 13
 
 
 def files_of(folder: Path, names: tuple[str, ...], begins: tuple[float, ...]) -> Path:

@@ -68,6 +68,13 @@ from tests.importers.test_import_robots import NAMES, data_set
         ("torque (lbf.ft)", "torque", 1.3558179483),
         ("torque (oz-in)", "torque", 0.0070615518),
         ("torque_N_m", "torque", 1.0),
+        ("current_2.69mA", "current", 2.69e-3),
+        ("current 2.69 mA", "current", 2.69e-3),
+        ("torque_2.5mNm", "torque", 2.5e-3),
+        ("vel_1.5rpm", "velocity", 1.5 * 2.0 * np.pi / 60.0),
+        ("pos_1.5deg", "position", 1.5 / DEG),
+        ("pos[10^-3 rad]", "position", 1e-3),
+        ("pos [1e-3 rad]", "position", 1e-3),
     ],
 )
 def test_a_unit_is_understood_with_its_prefix_its_number_and_its_arm(name: str, joint: str, factor: float) -> None:
@@ -125,32 +132,7 @@ def test_no_line_is_offered_that_would_keep_no_sample(tmp_path: Path) -> None:
     assert "where:" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "factor"),
-    [
-        ("current_2.69mA", 2.69e-3),
-        ("current 2.69 mA", 2.69e-3),
-        ("torque_2.5mNm", 2.5e-3),
-        ("vel_1.5rpm", 1.5 * 2.0 * np.pi / 60.0),
-        ("pos_1.5deg", 1.5 / DEG),
-        ("pos[10^-3 rad]", 1e-3),
-        ("pos [1e-3 rad]", 1e-3),
-    ],
-)
-def test_a_number_before_a_unit_belongs_to_it(name: str, factor: float) -> None:
-    spoken = said(name)
-    known = measure(spoken.unit)
-    assert known is not None and spoken.joint == ""
-    assert evaluate(f"1{known.behind}", {}, "test") == pytest.approx(factor, rel=1e-8)
-
-
 A_TURN = 2.0 * np.pi
-
-
-def test_without_a_time_gains_still_make_a_chain(tmp_path: Path) -> None:
-    one = np.ones_like(TIME)
-    columns = {"q": LATE, "q_des": ANGLE, "dq_des": 10.0 * np.gradient(ANGLE, TIME), "kp": 40.0 * one, "kd": 2.0 * one}
-    assert "stiffness: 40.0" in proposed(tmp_path, columns, timed=False).text
 
 
 def test_a_slow_joint_and_one_at_rest_are_not_asked_about(tmp_path: Path) -> None:
@@ -185,29 +167,6 @@ def sized(sizes: dict[str, float], form: str = "{}_{}") -> dict[str, np.ndarray]
     for joint, size in sizes.items():
         columns |= {form.format("goal", joint): size * ANGLE, form.format("pos", joint): size * LATE}
     return columns
-
-
-@pytest.mark.parametrize("last", ["gripper", "opening"])
-def test_a_share_or_an_opening_of_a_gripper_decides_nothing_for_the_arm(tmp_path: Path, last: str) -> None:
-    for low, high in ((0.0, 100.0), (0.0, 1.0)):
-        columns = sized({"shoulder": 1.5, "elbow": 1.0})
-        share = (LATE - LATE.min()) / np.ptp(LATE)
-        columns |= {f"goal_{last}": low + high * np.roll(share, -4), f"pos_{last}": low + high * share}
-        (question,) = propose_for(table(tmp_path, columns), tmp_path / "out", "rad").mapping.questions
-        assert question.about == (f"{last}.position", f"{last}.goal") and "a share of the calibrated" in question.ask
-
-
-@pytest.mark.parametrize("unit", ["rad", "deg"])
-def test_an_opening_from_0_to_1_is_asked_about_where_other_joints_are_angles(tmp_path: Path, unit: str) -> None:
-    """``unit=rad`` took the grippers of an ALOHA for rad."""
-    columns = sized({"waist": 60.0 if unit == "deg" else 1.0})
-    share = (LATE - LATE.min()) / np.ptp(LATE)
-    columns |= {"goal_gripper": np.roll(share, -4), "pos_gripper": share}
-    (question,) = propose_for(table(tmp_path, columns), tmp_path / "out", unit).mapping.questions
-    assert question.about == ("gripper.position", "gripper.goal") and "opening of 0..1" in question.ask
-    columns = sized({"waist": 1.0, "elbow": 1.0})
-    columns |= {"goal_elbow": 0.4 + 0.3 * ANGLE, "pos_elbow": 0.4 + 0.3 * LATE}
-    assert not propose_for(table(tmp_path, columns), tmp_path / "out", "rad").mapping.questions, "an elbow within 0..1"
 
 
 STEP = 2.0 * np.pi / 4096
