@@ -80,7 +80,7 @@ def test_a_list_of_one_place_goes_to_the_joint_of_its_controller(tmp_path: Path)
             bag.numbers("/joint2_position_controller/commands", float(t), [second[0][k]])
             bag.state("/joint_states", float(t) + 1e-4, JOINTS[:2], [first[1][k], second[1][k]])
     assert _listed_goals(tmp_path / "run") == {
-        f"joint{k}.goal": f"joint{k}_position_controller.commands.data[0]" for k in (1, 2)
+        f"joint{k}.goal": f"joint{k}_position_controller.commands.data" for k in (1, 2)
     }
 
 

@@ -231,7 +231,7 @@ def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pyt
     ]
     (tmp_path / "run.json").write_text(json.dumps({"mass": "heavy", "length": 0.1, "entries": entries}))
     assert main(["import", str(tmp_path / "run.json"), f"out={tmp_path / 'log'}", "yes=true"]) == 2
-    assert "mass is 'heavy', no number [kg]; correct it in the file." in one_line(capsys)
+    assert "robot_params.mass must be a finite number, not 'heavy'" in one_line(capsys)
 
 
 def test_cells_with_their_unit_and_sample_periods_are_read(tmp_path: Path) -> None:

@@ -289,6 +289,10 @@ def is_action(claim: Claim) -> bool:
 
 
 PLACE = re.compile(r"(.+)\[(\d+)\]")
+LIST_ORDER = (
+    "whose are the places of {} and of the columns beside it? The list names no joints. The lines have them in the "
+    "order of the positions: exchange columns where its controller has another order"
+)
 
 
 def lists_of(run: Recording) -> dict[str, list[str]]:
@@ -303,37 +307,22 @@ def lists_of(run: Recording) -> dict[str, list[str]]:
 
 
 def put_lists(lists: dict[str, list[str]], out: Claimed, run: Recording) -> None:
-    """Put the places of lists to joints that the format names.
+    """Put lists of commands that have as many places as joints lack one to these joints, in their order, which is asked
+    about; others are left out.
 
     Args:
         lists: columns by name.
         out: claims, to which these are added.
         run: the recording.
     """
-    for name, columns in lists.items():
+    for columns in lists.values():
         signal = said(columns[0]).signal
-        measured = {joint: own["position"][0].column for joint, own in out.groups.items() if own.get("position")}
-        free = [joint for joint in measured if not out.groups[joint].get(signal)]
-        joints, ask = _joints(name, signal, columns, {joint: measured[joint] for joint in free})
-        for joint, column in zip(joints, columns, strict=False):
-            unit = run.units.get(column, "") or said(column).unit
-            out.groups[joint].setdefault(signal, []).append(replace(said(column), ask=ask, unit=unit))
-        for column in columns if not joints else ():
+        free = [joint for joint, own in out.groups.items() if own.get("position") and not own.get(signal)]
+        if len(columns) == len(free) and signal in TOLD:
+            for joint, column in zip(free, columns, strict=True):
+                unit, ask = run.units.get(column, "") or said(column).unit, LIST_ORDER.format(quoted(columns[0]))
+                out.groups[joint][signal] = [replace(said(column), ask=ask, unit=unit)]
+            continue
+        for column in columns:
             why = f"and nothing tells whose: write <joint>.{signal}: {quoted(column)} where you know it"
             out.aside[column] = f"{signal} of a list that names no joints, {why if free else 'which all have one'}"
-
-
-def _joints(name: str, signal: str, columns: list[str], free: dict[str, str]) -> tuple[list[str], str]:
-    """The joint of each place, and the question about it; no joints where nothing speaks for some."""
-    called = said(name).joint
-    ends = [joint for joint in free if called == joint or called.endswith(f"_{joint}")]
-    if len(columns) == 1 and (ends or len(free) == 1):
-        return [max(ends or free, key=len)], ""
-    robot = name.split(".")[0]  # of several robots the one whose name the list begins with
-    near = [joint for joint, column in free.items() if column.split(".")[0] == robot] or [*free]
-    if len(columns) != len(near) or signal not in TOLD:
-        return [], ""
-    return near, (
-        f"whose are the places of {quoted(columns[0])} and of the columns beside it? The list names no joints. The "
-        "lines have them in the order of the positions: exchange columns where its controller has another order"
-    )

@@ -32,13 +32,10 @@ from .robot import asked_robot, has_model
 
 BENCH = "bench"
 ROD_MASS = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
-UNMEASURED = {
-    "unknown": ["zero", "friction", "armature"],
-    "notes": f"Neither the mass of the pendulum's rod was recorded ({ROD_MASS:g} kg are assumed) nor where the "
-    "encoder's zero is.",
-}
-UNITS = {"mass": "kg", "length": "m", "arm_mass": "kg", "kp": "1", "vin": "V", "damping": "1", "max_amps": "A"}
-"""Of the numbers that a recording of one servo says."""
+UNMEASURED = (
+    f"Neither the mass of the pendulum's rod was recorded ({ROD_MASS:g} kg are assumed) nor where the encoder's zero "
+    "is."
+)
 HEAD = "# What holds for every log of this folder (docs: Measured log). FILL IN marks what the files do not say.\n"
 BLANK_ROBOT = """\
 robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
@@ -69,8 +66,6 @@ def proposed_sidecar(
     """
     first = recordings[0]
     facts, joints = first.facts, proposal.joints
-    for recording in recordings:
-        _check_facts(recording)
     sidecar: dict[str, Any] = {}
     pendulum = {"mass", "length"} <= facts.keys() and len(joints) == 1
     if robot or pendulum:
@@ -97,20 +92,8 @@ def proposed_sidecar(
     if percent := {name: PERCENT for name, read in proposal.columns.items() if read.unit == PERCENT}:
         sidecar["units"] = {**sidecar.get("units", {}), **percent}
     if pendulum and sidecar.get("robot") == BENCH and "arm_mass" not in {**facts, **(params or {})}:
-        sidecar["notes"] = UNMEASURED["notes"]
-        sidecar["meta"] = {"unknown": UNMEASURED["unknown"]}
+        sidecar |= {"notes": UNMEASURED, "meta": {"unknown": ["zero", "friction", "armature"]}}
     return sidecar
-
-
-def _check_facts(recording: Recording) -> None:
-    """What a bench takes from a file are numbers.
-
-    Raises:
-        LogError: one of them is a word.
-    """
-    for key, unit in UNITS.items():
-        if isinstance(value := recording.facts.get(key), str):
-            raise LogError(f"{recording.source}: {key} is '{value}', no number [{unit}]; correct it in the file.")
 
 
 def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[dict[str, Any]]]:

@@ -41,10 +41,9 @@ class Robots:
         having = [state for state, names in self.joints.items() if joint in names and not is_led(names[joint])]
         if not having:
             return self.main, joint
-        said, parts = _words(topic), topic.strip("/").split("/")
+        said = _words(topic)
         told = having if len(having) == 1 else [state for state in having if self.words[state] <= said]
-        alike = {state: [a == b for a, b in zip(parts, state.strip("/").split("/"), strict=False)] for state in told}
-        rank = {state: (len(self.words[state]), [*alike[state], False].index(False)) for state in told}
+        rank = {state: len(self.words[state]) for state in told}
         best = [state for state in told if rank[state] == max(rank.values())]
         return (best[0], self.joints[best[0]][joint]) if len(best) == 1 else None
 

@@ -138,7 +138,8 @@ def numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Ite
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
             named = len(joints) == len(value)
             for k, number in enumerate(value):
-                yield f"{joints[k]}.{path}" if named else f"{path}[{k}]", float(number)
+                plain = path if len(value) == 1 else f"{path}[{k}]"
+                yield f"{joints[k]}.{path}" if named else plain, float(number)
         elif isinstance(value, list) and len(value) == len(joints) and value and hasattr(value[0], "interface_names"):
             for joint, one in zip(joints, value, strict=True):
                 for name, number in zip(one.interface_names, one.values, strict=False):
