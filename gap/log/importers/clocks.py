@@ -122,12 +122,13 @@ def find_clock(recording: Recording, claims: Mapping[str, Claim] | None = None) 
     spoken = sorted(times, key=lambda name: (claims[name].joint != "", "duration" in name.lower(), len(name)))
     spoken = [name for name in spoken if "[" not in name[-4:-1]] or spoken  # no column of a matrix where a vector is
     two = _in_two_columns(recording)
-    named = [name for name in spoken if name not in (two or ()) and _units(columns[name], claims[name].unit)]
+    halves = two[:2] if two else ()
+    named = [name for name in spoken if name not in halves and _units(columns[name], claims[name].unit)]
     running = [name for name in columns if clock_units(columns[name]) and len(np.unique(columns[name])) > 10]
-    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *sure, *(two or ()))}
+    faults = {name: clock_fault(columns[name]) for name in spoken if name not in (*named, *sure, *halves)}
     if two and not (sure or named):
-        return Clock(two[0], _summed_stamp(recording, *two), faults)
-    faults |= dict.fromkeys((two or ())[:2], "a stamp in two columns, another clock")
+        return Clock(two[0], two[2], faults)
+    faults |= dict.fromkeys(halves, "a stamp in two columns, another clock")
     candidates = sure or named or running
     if not candidates or (not (sure or named) and any(fault != NEVER for fault in faults.values())):
         return _no_clock(recording, faults)
@@ -138,45 +139,40 @@ def find_clock(recording: Recording, claims: Mapping[str, Claim] | None = None) 
     )
 
 
-def _in_two_columns(recording: Recording) -> tuple[str, str, str] | None:
-    """A stamp in two columns, as ROS has it: whole seconds, the part of a second, and the unit of the part."""
+def _in_two_columns(recording: Recording) -> tuple[str, str, Line] | None:
+    """A stamp in two columns, as ROS has it: whole seconds, the part of a second, and their sum as the time."""
     found = {name: match for name in recording.columns if (match := STAMP.fullmatch(name))}
     for whole, match in found.items():
         if not match["whole"] and said(whole).signal != "time":
             continue
         for part, other in found.items():
             unit = next((unit for unit in PER_SECOND if other[unit]), "")
-            halves = recording.columns[whole], recording.columns[part]
-            if (
-                unit
-                and part != whole
-                and other["stem"].lower() == match["stem"].lower()
-                and _is_stamp(*halves, PER_SECOND[unit])
-            ):
-                return whole, part, unit
+            if unit and part != whole and other["stem"].lower() == match["stem"].lower():
+                line = _summed_stamp(whole, recording.columns[whole], part, recording.columns[part], unit)
+                if line:
+                    return whole, part, line
     return None
 
 
-def _is_stamp(whole: Array, part: Array, count: float) -> bool:
-    """Whether two columns are one stamp, in order but for recordings that end: the part begins again at each second."""
-    known = np.isfinite(whole) & np.isfinite(part)
-    seconds, parts = whole[known], part[known]
-    if len(seconds) < 3 or not whole_numbers(seconds) or parts.min() < 0.0 or parts.max() >= count:
-        return False
-    steps = np.diff(seconds - seconds[0] + parts / count)
-    return FASTEST_PERIOD <= float(np.median(steps)) <= SLOWEST_PERIOD and bool((steps < 0.0).mean() <= STRAY_SHARE)
+def _summed_stamp(whole: str, seconds: Array, part: str, parts: Array, unit: str) -> Line | None:
+    """The time as the sum of two columns, from the first second on: a float has no digits for seconds since 1970.
 
-
-def _summed_stamp(recording: Recording, whole: str, part: str, unit: str) -> Line:
-    """The time as the sum of two columns, from the first second on: a float has no digits for seconds since 1970."""
-    seconds, parts = recording.columns[whole], recording.columns[part]
-    first = int(seconds[np.isfinite(seconds)][0])
+    None where they are no stamp: its part begins again at each second, and it is in order but for recordings that end.
+    """
+    known = np.isfinite(seconds) & np.isfinite(parts)
+    inside = (parts[known] >= 0.0) & (parts[known] < PER_SECOND[unit])
+    if known.sum() < 3 or not whole_numbers(seconds) or not inside.all():
+        return None
+    first = int(seconds[known][0])
+    time = (seconds - first + parts / PER_SECOND[unit])[known]
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if not FASTEST_PERIOD <= step <= SLOWEST_PERIOD or (steps < 0.0).mean() > STRAY_SHARE:
+        return None
     text = f"{quoted(whole)} - {first} + {quoted(part)}{_behind(unit)}".replace("- -", "+ ").replace(" - 0 ", " ")
-    time = seconds - first + parts / PER_SECOND[unit]
-    if (np.diff(time[np.isfinite(time)]) < 0.0).any():
+    if (steps < 0.0).any():
         fault = clock_fault(time)
         return Line(text, "s", ASK, fault, f"{quoted(whole)} and {quoted(part)} are the time, but {fault}")
-    step = float(np.nanmedian(np.diff(time)))
     return Line(text, "s", SURE, f"whole seconds and {unit} of one stamp, from the first second on, each {step:.4g} s")
 
 
@@ -274,13 +270,9 @@ def clock_fault(values: Array) -> str:
         where = f"it jumps back in row {rows[0] + 1}, from {known[at]:g} to {known[at + 1]:g}"
         if any(0.95 * 2.0**bits < known[at] < 2.0**bits for bits in (16, 24, 32)):
             where += ", as a counter that overflows: write counter(<column>), in seconds. Else"
-        if len(rows) > STRAY_SHARE * len(known):
-            return f"{where}, and in {len(rows)} rows in all: put the rows into their order, or record again"
         if len(rows) > 1:
-            further = ", ".join(str(row + 1) for row in rows[1:4])
-            return (
-                f"{where}, and again in row {further}: there recordings end and begin, so part the file at these rows"
-            )
+            more = f"{where}, and in {len(rows)} rows in all"
+            return f"{more}: there recordings end and begin, or rows are out of their order; part the file, or order it"
         return (
             f"{where}: there one recording ends and the next begins, so part the file, or import it twice, with the "
             f"line `where: {rows[0]} - row` in one mapping and `where: row - {rows[0] - 1}` in the other"
