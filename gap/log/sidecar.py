@@ -86,21 +86,21 @@ def robot_beside(robot: str, folder: Path) -> str:
 def named_beside(sidecar: Sidecar, folder: Path) -> Sidecar:
     """The sidecar as it is written into a folder: files are named as they lie beside it, so that both may be moved."""
     chains = {
-        joint: _relative(chain, folder) if isinstance(chain, str) else chain
-        for joint, chain in sidecar.actuators.items()
+        joint: beside(chain, folder) if isinstance(chain, str) else chain for joint, chain in sidecar.actuators.items()
     }
     return replace(sidecar, robot=relative_robot(sidecar.robot, folder), actuators=chains)
 
 
 def relative_robot(robot: str, folder: Path) -> str:
     """A robot's file as it lies beside a folder; any other robot as it is."""
-    return _relative(robot, folder) if is_robot_file(robot) else robot
+    return beside(robot, folder) if is_robot_file(robot) else robot
 
 
-def _relative(name: str, folder: Path) -> str:
+def beside(name: str, folder: Path) -> str:
+    """A file of a robot, a chain or a published fit as its path from a folder; a name as it is."""
     prefix = PREFIX if name.startswith(PREFIX) else ""
     path = Path(name.removeprefix(prefix))
-    if not path.is_absolute():
+    if not (path.is_absolute() or os.path.isfile(path)):
         return name
     try:
         return f"{prefix}{Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()}"

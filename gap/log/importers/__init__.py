@@ -13,7 +13,7 @@ import yaml
 
 from ....common.atomic import write_text
 from ....common.errors import nearest
-from ..sidecar import FOLDER_DEFAULTS
+from ..sidecar import FOLDER_DEFAULTS, beside
 from ..types import LogError, MeasuredRun
 from ..writer import in_the_way, is_written, write_run
 from .claims import claims_of
@@ -30,7 +30,6 @@ from .robot import Robot, asked_robot, has_model, robot_of
 from .sidecars import (
     answered,
     asked_chain,
-    beside,
     beyond,
     blanks,
     check_machine,

@@ -17,7 +17,7 @@ from ....common.errors import nearest
 from ....envs.bench.robot import NUMBERS
 from ....envs.described.robot_file import is_robot_file
 from ....envs.robots import robot_meant
-from ..sidecar import FOLDER_DEFAULTS, MAPPINGS, Sidecar, folder_defaults, robot_beside, sidecar_text
+from ..sidecar import FOLDER_DEFAULTS, MAPPINGS, Sidecar, beside, folder_defaults, robot_beside, sidecar_text
 from ..table import ENDINGS
 from ..types import FACTOR, LogError, MeasuredRun
 from ..writer import FROM
@@ -194,13 +194,6 @@ def text_with_blanks(content: Mapping[str, Any], blank: Mapping[str, str]) -> st
     known = {key: value for key, value in content.items() if value not in ("", {}, None)}
     said = yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else ""
     return HEAD + "".join(lines for name, lines in blank.items() if name not in known) + said
-
-
-def beside(name: str, out: Path) -> str:
-    """A file of a robot, a chain or a published fit as its path from the folder of the logs; a name as it is."""
-    prefix = PREFIX if name.startswith(PREFIX) else ""
-    path = Path(name.removeprefix(prefix))
-    return prefix + os.path.relpath(path.resolve(), out.resolve()) if name and os.path.isfile(path) else name
 
 
 def check_machine(whole: Sequence[MeasuredRun], runs: Sequence[MeasuredRun]) -> None:
