@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -158,17 +158,21 @@ def checked_sidecar(content: Mapping[str, Any], path: str | Path) -> Sidecar:
     return found
 
 
+def check_keys(content: Mapping[str, Any], keys: Sequence[str], where: str, advice: str = "") -> None:
+    """Refuse keys that are not known; the message names the nearest."""
+    for key in content:
+        if key not in keys:
+            advice = advice or f"there are {', '.join(keys)}."
+            raise LogError(f"{where}: unknown key '{key}'{nearest(str(key), keys)}; {advice}")
+
+
 def checked_kinds(content: Mapping[str, Any], path: str | Path) -> None:
     """Refuse what no sidecar is, whatever numbers and words it may still take from a recording.
 
     Raises:
         LogError: an unknown key, or a value of the wrong kind; the message names ``path``.
     """
-    for key in content:
-        if key not in KEYS:
-            raise LogError(
-                f"{path}: unknown key '{key}'{nearest(str(key), KEYS)}; put descriptions of your own under the key meta"
-            )
+    check_keys(content, KEYS, str(path), "put descriptions of your own under the key meta")
     robot = content.get("robot")
     if robot is not None and (not isinstance(robot, str) or not robot):
         raise LogError(f"{path}: the key robot must name the robot, for example robot: bench, not {robot!r}")

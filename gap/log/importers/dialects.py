@@ -15,6 +15,7 @@ from typing import Any
 
 from ....common.documents import DocumentError, read_yaml
 from ....common.errors import nearest
+from ..sidecar import check_keys
 from ..types import SIGNAL_UNITS, LogError
 from .expression import evaluate, quoted, signed_reading
 from .names import Claim, said
@@ -109,17 +110,11 @@ def read_dialect(path: Path) -> Dialect:
         raise LogError(
             f"{path}: must be a mapping with the key rows, a list of rows that claim columns by their names."
         )
-    _known(content, KEYS, f"{path}")
+    check_keys(content, KEYS, f"{path}")
     needs = tuple(_pattern(text, f"{path}: needs") for text in content.get("needs") or [])
     title = str(content.get("title") or path.stem)
     return Dialect(title, str(content.get("about") or ""), str(content.get("kind") or ""), needs,
                    tuple(_row(row, f"{path}: row {k}") for k, row in enumerate(rows, 1)))  # fmt: skip
-
-
-def _known(content: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
-    for key in content:
-        if key not in keys:
-            raise LogError(f"{where}: unknown key '{key}'{nearest(str(key), keys)}; there are {', '.join(keys)}.")
 
 
 def _pattern(text: Any, where: str) -> re.Pattern[str]:
@@ -135,7 +130,7 @@ def _pattern(text: Any, where: str) -> re.Pattern[str]:
 def _row(content: Any, where: str) -> Row:
     if not isinstance(content, dict) or "name" not in content:
         raise LogError(f"{where} must be a mapping with the key name.")
-    _known(content, ROW, where)
+    check_keys(content, ROW, where)
     signal, aside, unit, formula, bit = (content.get(key) for key in ("signal", "aside", "unit", "formula", "sign_bit"))
     if (signal is None) == (aside is None):
         raise LogError(f"{where} needs either signal, what the column is, or aside, why it is left out.")

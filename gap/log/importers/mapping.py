@@ -15,7 +15,7 @@ import numpy as np
 from ....common.documents import DocumentError, read_yaml
 from ....common.errors import nearest
 from ..reader import build_run
-from ..sidecar import Sidecar, checked_kinds, checked_parts
+from ..sidecar import Sidecar, check_keys, checked_kinds, checked_parts
 from ..table import check_columns
 from ..types import REQUIRED_EVERYWHERE, SIGNAL_UNITS, Array, LogError, MeasuredRun
 from .expression import ROW, column, evaluate, names_in, quoted
@@ -86,9 +86,7 @@ def read_mapping(path: str | Path) -> Mapping:
 def _checked(content: Any, file: Path) -> Mapping:
     if not isinstance(content, dict) or not isinstance(content.get("columns"), dict):
         raise LogError(f"{file}: must be a mapping with the key columns, a line for each column of the log.")
-    for key in content:
-        if key not in KEYS:
-            raise LogError(f"{file}: unknown key '{key}'{nearest(str(key), KEYS)}; there are {', '.join(KEYS)}.")
+    check_keys(content, KEYS, str(file))
     columns = {str(name): str(text) for name, text in content["columns"].items() if text is not None}
     for name, text in columns.items():
         try:

@@ -105,12 +105,12 @@ def _in_folder(folder: Path, empty: dict[Path, NoRecording], depth: int = 0) -> 
 
 def _read_one(path: Path) -> list[Recording]:
     """The recordings of one file, bag or data set, within bounds."""
-    if not path.is_dir():
-        try:
+    try:
+        if not path.is_dir():
             regular(path, LARGEST_FILE)
-        except DocumentError as error:
-            raise LogError(f"{path}: {error.problem}.") from None
-    recordings = _read(path)
+        recordings = _read(path)
+    except DocumentError as error:
+        raise LogError(f"{error}; export it again.") from None
     for name in (name for recording in recordings for name in recording.columns):
         if len(name) > LONGEST_CELL:
             raise LogError(f"{path}: column '{name[:40]}...' has a name of {len(name)} letters; give it a shorter one.")

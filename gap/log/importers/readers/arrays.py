@@ -148,11 +148,9 @@ def read_tensors(path: Path) -> list[Recording]:
     """
     with needed_for("Reading tensors of PyTorch"):
         import torch
+    regular(path, RECORDING)
     try:
-        regular(path, RECORDING)
         content = torch.load(path, map_location="cpu", weights_only=True)
-    except DocumentError as error:
-        raise LogError(f"{path}: {error.problem}.") from None
     except (pickle.UnpicklingError, EOFError, *DAMAGED):
         raise LogError(
             f"{path}: is no file of tensors: it is damaged, or holds what can run any code; {_save_as(path)}."

@@ -65,7 +65,7 @@ def is_recording(path: Path) -> bool:
     """Whether a JSON file of a folder is a recording, and not a description."""
     try:
         content = _content(path)
-    except LogError:
+    except (LogError, DocumentError):
         return False
     if is_bam(content) or _runs(content):
         return True
@@ -77,13 +77,13 @@ def is_recording(path: Path) -> bool:
 
 def _content(path: Path) -> Any:
     """A JSON file, or the list of its lines where each is JSON of its own."""
+    text = read_text(path, RECORDING)
     try:
-        text = read_text(path, RECORDING)
-        return parse_json(text) if path.suffix.lower() not in LINES else _lines(path, text)
+        return parse_json(text, str(path)) if path.suffix.lower() not in LINES else _lines(path, text)
     except DocumentError as error:
         if path.suffix.lower() not in LINES and error.line and text.lstrip().startswith("{"):
             return _lines(path, text)
-        raise LogError(f"{path}: {error.problem}; export it again.") from None
+        raise
 
 
 def _lines(path: Path, text: str) -> list[Any]:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pyarrow import ArrowInvalid, parquet
 
-from .....common.documents import DocumentError, read_json
+from .....common.documents import read_json
 from ...types import LogError
 from ..recording import Recording
 from .cells import numeric_columns
@@ -44,10 +44,7 @@ def read_lerobot(folder: Path) -> list[Recording]:
     Raises:
         LogError: the data set is incomplete or of a version that is not read, or says nothing of a robot's joints.
     """
-    try:
-        info = read_json(folder / INFO)
-    except DocumentError as error:
-        raise LogError(f"{folder / INFO}: {error.problem}; download it again.") from None
+    info = read_json(folder / INFO)
     if not isinstance(info, dict):
         raise LogError(f"{folder / INFO}: is no mapping; download it again.")
     version = str(info.get("codebase_version", ""))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from .....common.documents import RECORDING, DocumentError, read_bytes
+from .....common.documents import RECORDING, read_bytes
 from ...types import LogError
 from ..recording import NoRecording
 from ..units import unit_of
@@ -51,10 +51,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str]]:
     Raises:
         LogError: it is no text, is empty, or a row has other cells than the rest.
     """
-    try:
-        raw = read_bytes(path, RECORDING)
-    except DocumentError as error:
-        raise LogError(f"{path}: {error.problem}.") from None
+    raw = read_bytes(path, RECORDING)
     encoding = _encoding(raw[: 1 << 16], path)
     text = LONG.sub(lambda word: word[0][: LONGEST_CELL + 1], raw.decode(encoding, "replace"))
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
