@@ -18,6 +18,7 @@ SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
 """Smallest delay of a column that is worth a word [s]."""
 STUCK_SECONDS = 0.5
+AT_LIMIT = 0.98  # of the largest effort, from which it may be at its limit
 
 
 def check_columns(joint: JointContext) -> Iterator[Finding]:
@@ -51,8 +52,10 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         # from end to end: along its way, the noise of a joint at rest adds up
         moved = np.maximum.reduceat(position, starts) - np.minimum.reduceat(position, starts)
         stuck = (length > STUCK_SECONDS) & (moved > 0.1 * joint.span + 20 * joint.noise) & joint.on[starts]
-        if signal in EFFORTS:  # of which a dead band gives none
-            stuck &= (values[starts] != 0.0) | (length > 0.5 * (joint.time[-1] - joint.time[0]))
+        if signal in EFFORTS:  # of which a dead band gives none, and a step as much as the drive can
+            size = np.abs(values[starts])
+            works = (size > 0.0) & (size < AT_LIMIT * np.nanmax(size))
+            stuck &= works | (length > 0.5 * (joint.time[-1] - joint.time[0]))
         stuck[stuck] = _should_change(joint, values, list(zip(starts[stuck], ends[stuck] + 1, strict=True)))
         if stuck.any():
             worst = int(np.argmax(np.where(stuck, length, 0.0)))
@@ -67,8 +70,8 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
 def _should_change(joint: JointContext, values: Array, stretches: Sequence[tuple[int, int]]) -> list[bool]:
     """Whether a column should have left its value in each stretch, by what it does elsewhere.
 
-    At constant speed a current is constant, one of coarse steps shows no change for long, dry friction holds a torque,
-    and a drive its limit.
+    At constant speed a current is constant, one of coarse steps shows no change for long, and dry friction holds a
+    torque.
     """
     if not stretches:
         return []

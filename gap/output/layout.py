@@ -23,7 +23,6 @@ class Layout:
         pause: drawn between runs [s].
         bin_samples: in a bin, at least.
         causes: with a row of their own.
-        rounds: of a search, side by side.
         candidates: of a round.
         bar: height of one, in rows.
         wide, tall, alone: sizes of a report's first picture [inch].
@@ -39,7 +38,6 @@ class Layout:
     pause: float = 0.5
     bin_samples: int = 12
     causes: int = 5
-    rounds: int = 3
     candidates: int = 7
     bar: float = 0.66
     wide: tuple[float, float] = (11.0, 3.5)

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..layout import LAYOUT
+from .style import EXTENDED, NOMINAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,14 @@ def draw_model(axes: Axes, b: Bins, label: str | None, colour: str) -> None:
     """Medians as a line, quartiles as a band."""
     axes.fill_between(b.x, b.low, b.high, color=colour, alpha=0.18, lw=0.0)
     axes.plot(b.x, b.median, color=colour, label=label, zorder=4)
+
+
+def draw_models(
+    axes: Axes, x: np.ndarray, models: tuple[np.ndarray, np.ndarray], edges: np.ndarray, *, told: bool = True
+) -> None:
+    """What the nominal and the extended model have, each as :func:`draw_model`, in the legend if ``told``."""
+    for y, label, colour in zip(models, ("nominal model", "extended model"), (NOMINAL, EXTENDED), strict=True):
+        draw_model(axes, bins(x, y, edges), label if told else None, colour)
 
 
 def cloud(axes: Axes, x: np.ndarray, y: np.ndarray, most: int = 4000) -> None:

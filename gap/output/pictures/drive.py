@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ...measure.named import NamedCause
 from ...search.structure import told_in
 from ..layout import LAYOUT
-from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, filled, limits
+from .binned import bins, cloud, draw_measured, draw_model, draw_models, equal_counts, equal_widths, filled, limits
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 from .timeline import timeline, worst_window
@@ -75,8 +75,7 @@ def duty_against_error(evidence: Evidence, cause: NamedCause) -> Figure:
     rows &= np.abs(error) < reach
     cloud(axes, error[rows], logged[rows])
     edges = filled(error[rows], equal_widths(error[rows], 48))  # at full duty samples are few
-    for values, label, colour in zip(models, ("nominal model", "extended model"), (NOMINAL, EXTENDED), strict=True):
-        draw_model(axes, bins(error[rows], values[rows], edges), label, colour)
+    draw_models(axes, error[rows], (models[0][rows], models[1][rows]), edges)
     draw_measured(axes, bins(error[rows], logged[rows], edges), "measured")
     axes.set_xlim(-reach, reach)
     axes.set_ylim(*limits(logged[rows], 0.15))

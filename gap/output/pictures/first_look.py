@@ -1,4 +1,5 @@
-"""The picture that a report opens with: a telling stretch over time, and what the error is made of."""
+"""Pictures of a whole diagnosis: the one that a report opens with, a telling stretch and what the error is made of; and
+the whole log."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ...log.types import MeasuredRun
@@ -14,7 +16,20 @@ from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
 from ..layout import LAYOUT
 from ..numbers import percent
-from .style import CAUSES, COLOURS, NAMES, NOISE, SHARED, TUNED, UNEXPLAINED, figure, legend_above, styled
+from .style import (
+    CAUSES,
+    COLOURS,
+    DASHES,
+    NAMES,
+    NOISE,
+    SHARED,
+    TEST_SHADE,
+    TUNED,
+    UNEXPLAINED,
+    figure,
+    legend_above,
+    styled,
+)
 from .timeline import Timeline, timeline, worst_window
 
 GOAL = "#9a9a9a"
@@ -213,3 +228,50 @@ def in_words(diagnosis: JointDiagnosis) -> str:
     """The picture in words, for who cannot see it."""
     parts = ", ".join(f"{piece.label} {percent(piece.share)}" for piece in budget_slices(diagnosis))
     return f"{diagnosis.signal} over time, measured and simulated; the nominal model's mean squared error: {parts}."
+
+
+# --- the whole log --------------------------------------------------------------------------------------------------
+
+
+@styled
+def overview(diagnosis: JointDiagnosis) -> Figure | None:
+    """The whole log and the error of each model; None where nothing was replayed."""
+    line = timeline(diagnosis)
+    if line is None:
+        return None
+    chart = figure(9.0, 5.6)
+    whole, error = chart.subplots(2, 1)
+    thin = line.thinned(12_000)
+    if thin.goal is not None:
+        whole.plot(thin.x, thin.goal, color=GOAL, lw=0.8, ls="--", label="goal")
+    whole.plot(thin.x, thin.measured, color=COLOURS["measured"], lw=1.7, label="measured")
+    for name in ("nominal", "extended"):
+        if name in thin.models:
+            whole.plot(thin.x, thin.models[name], color=COLOURS[name], lw=0.9, label=NAMES[name])
+    whole.set_ylabel(f"{line.quantity} [{line.unit}]")
+    whole.set_xlabel("time, runs one behind the other [s]")
+    handles, labels = whole.get_legend_handles_labels()
+    handles.append(Patch(color=TEST_SHADE))
+    whole.legend(
+        handles, [*labels, "test part: nothing was fitted to it"], loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6,
+        borderaxespad=0.2, handlelength=1.6, columnspacing=1.2,
+    )  # fmt: skip
+
+    factor, unit = told_in(line.unit)
+    noise = factor * diagnosis.gap["noise_floor"].rmse if "noise_floor" in diagnosis.gap else 0.0
+    for name, values in thin.models.items():
+        error.plot(
+            thin.x, factor * (thin.measured - values), color=COLOURS[name], ls=DASHES[name], lw=0.9, label=NAMES[name]
+        )
+    error.axhspan(
+        -2.0 * noise, 2.0 * noise, color="#000000", alpha=0.13, lw=0.0, label="noise (two deviations)", zorder=5
+    )
+    error.set_ylabel(f"measured minus model [{unit}]")
+    error.set_xlabel("time, runs one behind the other [s]")
+    error.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.6)
+
+    for axes in (whole, error):
+        axes.set_xlim(line.x[0], line.x[-1])
+        for start, stop in line.tested:
+            axes.axvspan(start, stop, color=TEST_SHADE, lw=0.0, zorder=0)
+    return chart

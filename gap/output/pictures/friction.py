@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from ...load.tree import NEGLIGIBLE_SIZE
 from ...measure.named import NamedCause
 from ...replay.parameters import address
-from .binned import bins, cloud, draw_measured, draw_model, equal_counts, equal_widths, limits
+from .binned import bins, cloud, draw_measured, draw_models, equal_counts, equal_widths, limits
 from .evidence import Balance, Evidence
-from .style import EXTENDED, NOMINAL, figure, legend_above, styled
+from .style import figure, legend_above, styled
 
 SOURCES = {
     "current": "motor torque from the logged current",
@@ -30,19 +30,11 @@ def friction_against_speed(evidence: Evidence, cause: NamedCause) -> Figure:
     friction = measured.observed_friction[use]
     cloud(axes, speed, friction)
     for side in (-1.0, 1.0):
-        half = side * speed > 0.0
+        half, told = side * speed > 0.0, side < 0.0
         edges = equal_counts(speed[half], 16)
-        first = side < 0.0
-        draw_model(
-            axes, bins(speed[half], nominal.modelled_friction[use][half], edges), _once("nominal model", first), NOMINAL
-        )
-        draw_model(
-            axes,
-            bins(speed[half], measured.modelled_friction[use][half], edges),
-            _once("extended model", first),
-            EXTENDED,
-        )
-        draw_measured(axes, bins(speed[half], friction[half], edges), _once("measured", first))
+        models = nominal.modelled_friction[use][half], measured.modelled_friction[use][half]
+        draw_models(axes, speed[half], models, edges, told=told)
+        draw_measured(axes, bins(speed[half], friction[half], edges), "measured" if told else None)
     axes.axhline(0.0, color="#777777", lw=0.7)
     axes.axvline(0.0, color="#777777", lw=0.7)
     if len(speed):
@@ -62,8 +54,7 @@ def residual_against_load(evidence: Evidence, cause: NamedCause) -> Figure:
     load, dry = measured.load[use], _dry(measured)[use]
     cloud(axes, load, dry)
     edges = equal_counts(load, 16)
-    draw_model(axes, bins(load, nominal.limit[use], edges), "nominal model", NOMINAL)
-    draw_model(axes, bins(load, measured.limit[use], edges), "extended model", EXTENDED)
+    draw_models(axes, load, (nominal.limit[use], measured.limit[use]), edges)
     draw_measured(axes, bins(load, dry, edges), "measured")
     axes.set_xlim(0.0, float(np.quantile(load, 0.998)) if len(load) else 1.0)
     low, high = limits(dry)
@@ -98,8 +89,7 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
         plain = f"what the load takes, held still [{axis.unit('N.m')}]"
         axes.set_ylabel("torque of the weight / nominal at a quarter turn" if carries else plain)
     cloud(axes, reading, seen[use])
-    for values, label, colour in zip(models, ("nominal model", "extended model"), (NOMINAL, EXTENDED), strict=True):
-        draw_model(axes, bins(reading, values[use], edges), label, colour)
+    draw_models(axes, reading, (models[0][use], models[1][use]), edges)
     draw_measured(axes, bins(reading, seen[use], edges), "measured")
     axes.set_ylim(*limits(seen[use]))
     axes.set_xlabel(f"position reading [{axis.unit('rad')}]")
@@ -109,10 +99,6 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
 def _axes() -> tuple[Figure, Axes]:
     chart = figure()
     return chart, chart.subplots()
-
-
-def _once(label: str, first: bool) -> str | None:
-    return label if first else None
 
 
 def _dry(measured: Balance) -> np.ndarray:

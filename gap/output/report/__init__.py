@@ -11,6 +11,7 @@ from plotly.offline import get_plotlyjs
 
 from ...log.types import MeasuredSet
 from ...verdict.verdict import JointDiagnosis
+from ..numbers import glued
 from .view import page
 
 HERE = Path(__file__).parent
@@ -39,6 +40,7 @@ def write_report(
     environment = Environment(
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    environment.filters["glued"] = glued
     style = (HERE / "report.css").read_text(encoding="utf-8")
     values = page(diagnoses, data, changes, robot)
     html = environment.get_template("report.html.j2").render(**values, style=style, plotly=get_plotlyjs())

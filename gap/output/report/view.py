@@ -43,7 +43,6 @@ KINDS = {
     "data": "fault of a column, fitted",
 }
 HEADINGS = {GROUND: "The ground", IMU: "The IMU", ROBOT: "The whole robot"}
-SEVERITIES = {"error": "Error", "warning": "Warning", "note": "Note"}
 THROUGH = "A right model runs through the black dots."
 CAPTIONS = {
     "friction_against_speed": f"What the motor gives and the moving load does not get, against speed. {THROUGH}",
@@ -129,7 +128,7 @@ def _joint(
         "doubts": [glued(sentence) for sentence in doubts(diagnosis)],
         "reasons": [glued(reason.sentence) for reason in diagnosis.reasons if reason.code not in ("data", LIMITS)],
         "limits": limit_rows(limits_told(diagnosis)),
-        "data_errors": [{"name": error.name, "sentence": glued(error.sentence)} for error in diagnosis.data_errors],
+        "data_errors": diagnosis.data_errors,
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
         "refitted": diagnosis.refitted,
         "signal": diagnosis.signal,
@@ -140,12 +139,9 @@ def _joint(
         "unexplained": percent(diagnosis.unexplained),
         "structure": "" if diagnosis.structure is None else glued(diagnosis.structure.sentence),
         "rounds": [] if diagnosis.search is None else _rounds(diagnosis.search),
-        "rivals": [
-            {"of": rival["of"], "others": [name for name in rival["names"] if name != rival["of"]]}
-            for rival in diagnosis.rivals
-        ],
+        "rivals": diagnosis.rivals,
         "experiment": None if diagnosis.experiment is None else _experiment(diagnosis.experiment, diagnosis.joint),
-        "findings": _findings(diagnosis),
+        "findings": diagnosis.findings,
         "changes": _changes(diagnosis, changes, joints == 1),
         "not_native": [] if chain is None else not_native(chain),
         "chain": "" if chain is None else readable(chain).to_yaml(),
@@ -194,19 +190,6 @@ def _first_look(diagnosis: JointDiagnosis, runs: Sequence[MeasuredRun]) -> dict[
     share = f"{100.0 * wide.get_figwidth() / LAYOUT.wide[0]:.0f}"  # so that words in all of them are as large
     pictures = {"wide": _image(png(wide)), "tall": _image(png(tall))}
     return {**pictures, "words": words, "caption": caption, "share": share}
-
-
-def _findings(diagnosis: JointDiagnosis) -> list[dict[str, str]]:
-    return [
-        {
-            "severity": SEVERITIES[finding.severity],
-            "level": finding.severity,
-            "column": finding.column or "",
-            "run": finding.run or "",
-            "sentence": glued(finding.sentence),
-        }
-        for finding in diagnosis.findings
-    ]
 
 
 def _causes(diagnosis: JointDiagnosis) -> list[dict[str, Any]]:
