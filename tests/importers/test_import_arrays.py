@@ -320,31 +320,30 @@ def test_entries_with_a_load_a_gain_or_a_motor_are_of_bam(tmp_path: Path, own: d
     assert claims_of(recording, dialects())["goal_position"].joint == "servo"
 
 
-@pytest.mark.parametrize("key", ["entries", "samples"])
-@pytest.mark.parametrize("per", [57.3, 4.0])
-def test_any_other_list_of_rows_is_a_table_in_the_unit_that_the_file_says(tmp_path: Path, key: str, per: float) -> None:
-    """Its angles were taken for rad, which the format was to say."""
-    proposed = propose_for(document(tmp_path, {"robot": "arm", "unit": "deg", key: entries(per)}), tmp_path / "out")
-    assert proposed.recordings[0].kind == "table" and not proposed.mapping.questions
-    assert proposed.mapping.columns["joint.position"] == "position*pi/180"
-    assert proposed.mapping.columns["joint.goal"] == "goal_position*pi/180" and "the file says deg" in proposed.text
+IN_DEG = [{"t": t, "goal_deg": g, "pos_deg": q} for t, g, q in zip(T, G, Q, strict=True)]
 
 
-def test_a_motor_beside_entries_in_another_unit_is_not_of_bam(tmp_path: Path) -> None:
-    content = {"motor": "mx28", "units": {"position": "deg", "goal_position": "deg"}, "entries": entries(10.0)}
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ({"robot": "arm", "unit": "deg", "entries": entries(57.3)}, "position*pi/180"),
+        ({"robot": "arm", "unit": "deg", "samples": entries(4.0)}, "position*pi/180"),
+        (
+            {"motor": "mx28", "units": {"position": "deg", "goal_position": "deg"}, "entries": entries(10.0)},
+            "position*pi/180",
+        ),
+        ({"unit": "rad", "log": IN_DEG}, "pos_deg*pi/180"),
+        ({"entries": entries(57.3)}, ""),
+    ],
+)
+def test_any_other_list_of_rows_is_a_table_in_the_unit_that_the_file_says(
+    tmp_path: Path, content: dict[str, Any], line: str
+) -> None:
+    """Its angles were taken for rad, which the format was to say; that of a name goes before, none is asked about."""
     proposed = propose_for(document(tmp_path, content), tmp_path / "out")
-    assert proposed.mapping.columns["joint.position"] == "position*pi/180" and not proposed.mapping.questions
-
-
-def test_entries_without_a_unit_are_asked_about_as_in_any_table(tmp_path: Path) -> None:
-    proposed = propose_for(document(tmp_path, {"entries": entries(57.3)}), tmp_path / "out")
-    assert any("joint.position" in one.about for one in proposed.mapping.questions)
-
-
-def test_a_unit_of_the_file_is_not_put_over_that_of_a_name(tmp_path: Path) -> None:
-    rows = [{"t": t, "goal_deg": g, "pos_deg": q} for t, g, q in zip(T, G, Q, strict=True)]
-    proposed = propose_for(document(tmp_path, {"unit": "rad", "log": rows}), tmp_path / "out")
-    assert proposed.mapping.columns["joint.position"] == "pos_deg*pi/180"
+    about = {name for question in proposed.mapping.questions for name in question.about}
+    assert proposed.recordings[0].kind == "table" and ("joint.position" in about) == (not line)
+    assert not line or (proposed.mapping.columns["joint.position"] == line and not about)
 
 
 def test_rows_beside_columns_of_their_length_stay_one_table(tmp_path: Path) -> None:

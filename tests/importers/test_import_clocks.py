@@ -7,14 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
-from pyarrow import parquet
 from scipy.io import savemat
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
-from sealegs.gap.log.importers.claims import claims_of
 from sealegs.gap.log.importers.clocks import find_clock
-from sealegs.gap.log.importers.dialects import dialects
 from sealegs.gap.log.importers.mapping import converted
 
 from tests.importers.importing import motion, table
@@ -172,40 +168,6 @@ def test_signals_with_a_clock_each_are_no_runs(tmp_path: Path) -> None:
     content = {"position": {"time": TIME, "data": ANGLE}, "goal": {"time": TIME / 2.0, "data": GOAL}}
     savemat(tmp_path / "bench.mat", content)
     assert len(read_recordings(tmp_path / "bench.mat")) == 1
-
-
-def lerobot(folder: Path, names: object, action: object) -> Path:
-    """A data set of two joints whose features have these names."""
-    (folder / "meta").mkdir(parents=True)
-    (folder / "data").mkdir()
-    number = {"dtype": "float32", "shape": [2]}
-    features = {"observation.state": {**number, "names": names}, "action": {**number, "names": action}}
-    info = {"codebase_version": "v2.1", "fps": 100, "features": features}
-    (folder / "meta/info.json").write_text(json.dumps(info), encoding="utf-8-sig")
-    columns = {
-        "observation.state": list(np.stack([ANGLE, OTHER["smooth"]], 1)),
-        "action": list(np.stack([GOAL, OTHER["goal"]], 1)),
-        "timestamp": TIME,
-        "episode_index": np.zeros(len(TIME), int),
-    }
-    parquet.write_table(pa.table(columns), folder / "data/episode_000000.parquet")
-    return folder
-
-
-@pytest.mark.parametrize(
-    "names", [[["hip", "knee"]], {"motors": [["hip", "knee"]]}, {"hip": 0, "knee": 1}, [["hip"], ["knee"]]]
-)
-def test_names_within_lists_and_mappings_name_the_joints(tmp_path: Path, names: object) -> None:
-    (recording,) = read_recordings(lerobot(tmp_path / "set", names, names))
-    claims = claims_of(recording, dialects())
-    assert {claims[name].joint for name in recording.columns} == {"", "hip", "knee"}
-    assert not any("joint0" in note for note in recording.notes)
-
-
-@pytest.mark.parametrize(("action", "fault"), [(["hip"], "1 names"), (["hip", "hip"], "names that repeat")])
-def test_names_that_do_not_name_the_places_are_noted(tmp_path: Path, action: object, fault: str) -> None:
-    (recording,) = read_recordings(lerobot(tmp_path / "set", ["hip", "knee"], action))
-    assert any(f"'action' has {fault} for 2 numbers" in note for note in recording.notes)
 
 
 def bam(path: Path, entries: list[dict[str, object]], encoding: str = "utf-8") -> Path:

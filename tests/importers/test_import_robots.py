@@ -16,6 +16,8 @@ from sealegs.commands.cli import main
 from sealegs.common.extras import MissingPackage
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import Recording, import_logs, propose_for, read_recordings
+from sealegs.gap.log.importers.claims import claims_of
+from sealegs.gap.log.importers.dialects import dialects
 from sealegs.gap.log.importers.proposal import propose
 
 from tests.importers.bags import START, Bag
@@ -51,15 +53,16 @@ def write(path: Path, columns: dict[str, Any]) -> None:
     parquet.write_table(pa.table(arrays), path)
 
 
-def data_set(folder: Path, version: str, scale: float, names: Any, turn: float = 4096.0) -> Path:
-    """Two episodes as LeRobot 2.1 (a file each) or 3.0 (one file) lays them out."""
+def data_set(folder: Path, version: str, scale: float, names: Any, turn: float = 4096.0, action: Any = None) -> Path:
+    """Two episodes as LeRobot 2.1 (a file each) or 3.0 (one file) lays them out; actions may have other names."""
     feature = {"dtype": "float32", "shape": [2], "names": names}
     image = {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "channels"]}
     single = {"dtype": "int64", "shape": [1], "names": None}
     info = {
         "codebase_version": version, "robot_type": "so100", "fps": 30, "total_episodes": 2,
         "features": {
-            "action": feature, "observation.state": feature, "observation.images.top": image,
+            "action": feature | {"names": action or names}, "observation.state": feature,
+            "observation.images.top": image,
             "timestamp": single | {"dtype": "float32"}, "frame_index": single, "episode_index": single,
         },
     }  # fmt: skip
@@ -105,6 +108,22 @@ def test_a_data_set_without_joints_or_whole_files_gets_one_sentence(tmp_path: Pa
     source = data_set(tmp_path / "data", "v1.6", 1.0, NAMES)
     with pytest.raises(LogError, match=r"version v1\.6; 2\.x and 3\.x are read"):
         read_recordings(source)
+
+
+@pytest.mark.parametrize(
+    "names", [[["hip", "knee"]], {"motors": [["hip", "knee"]]}, {"hip": 0, "knee": 1}, [["hip"], ["knee"]]]
+)
+def test_names_within_lists_and_mappings_name_the_joints(tmp_path: Path, names: object) -> None:
+    (recording,) = read_recordings(data_set(tmp_path / "set", "v2.1", 1.0, names))[:1]
+    claims = claims_of(recording, dialects())
+    assert {claims[name].joint for name in recording.columns} == {"", "hip", "knee"}
+    assert not any("joint0" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("action", "fault"), [(["hip"], "1 names"), (["hip", "hip"], "names that repeat")])
+def test_names_that_do_not_name_the_places_are_noted(tmp_path: Path, action: object, fault: str) -> None:
+    (recording,) = read_recordings(data_set(tmp_path / "set", "v2.1", 1.0, ["hip", "knee"], action=action))[:1]
+    assert any(f"'action' has {fault} for 2 numbers" in note for note in recording.notes)
 
 
 # --- ROS -------------------------------------------------------------------------------------------------------------
