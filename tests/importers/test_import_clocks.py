@@ -181,13 +181,10 @@ ENTRIES: list[dict[str, object]] = [
 ]
 
 
-def test_a_key_that_the_first_entry_lacks_is_a_column_with_a_note(tmp_path: Path) -> None:
+def test_a_key_that_the_first_entry_lacks_is_a_column(tmp_path: Path) -> None:
     first = {key: value for key, value in ENTRIES[0].items() if key != "temp"}
     (recording,) = read_recordings(bam(tmp_path / "run.json", [first, *ENTRIES[1:]]))
     assert np.isnan(recording.columns["temp"][0]) and recording.columns["temp"][1] == 35.0
-    assert recording.notes == (
-        f"'temp' is missing in 1 of {len(ENTRIES)} entries, the first is entry 1; its cells are empty there",
-    )
     assert "state" in recording.left
 
 

@@ -20,7 +20,7 @@ from .claims import claims_of
 from .dialects import dialects
 from .expression import column
 from .lines import ASK
-from .mapping import Mapping, converted, ended, fits, lacking, read_mapping
+from .mapping import Mapping, converted, ended, lacking, read_mapping
 from .one_run import check_runs, paired
 from .positions import PERCENT
 from .proposal import Proposal, proposal_text, propose
@@ -218,7 +218,7 @@ def import_logs(
     if recordings is None:
         found, rest, without = _read(source, robot_of(mapping.sidecar.get("robot"), out).joints)
         found += rest
-    fitting = [recording for recording in found if fits(mapping, recording)]
+    fitting = [recording for recording in found if not lacking(mapping, recording)]
     if not fitting:
         has = [*found[0].columns, *found[0].facts]
         names = ", ".join(f"{name}{nearest(name, has)}" for name in sorted(lacking(mapping, found[0])))

@@ -119,20 +119,11 @@ def ended(sentence: str) -> str:
     return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
 
 
-def names_of(mapping: Mapping) -> set[str]:
-    """Columns and numbers that a mapping takes."""
-    texts = [*mapping.columns.values(), *([mapping.where] if mapping.where else [])]
-    return {name for text in texts for name in names_in(text)}
-
-
-def fits(mapping: Mapping, recording: Recording) -> bool:
-    """Whether a recording has all columns that a mapping takes."""
-    return not lacking(mapping, recording)
-
-
 def lacking(mapping: Mapping, recording: Recording) -> set[str]:
-    """Names that a mapping takes and a recording does not have."""
-    return names_of(mapping) - {*recording.columns, *recording.facts, *mapping.constants, "pi", ROW}
+    """Names of columns and numbers that a mapping takes and a recording does not have."""
+    texts = [*mapping.columns.values(), *([mapping.where] if mapping.where else [])]
+    taken = {name for text in texts for name in names_in(text)}
+    return taken - {*recording.columns, *recording.facts, *mapping.constants, "pi", ROW}
 
 
 def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:

@@ -52,10 +52,6 @@ def read_json(path: Path) -> list[Recording]:
             "runs with vectors, or the list 'entries' of BAM is expected."
         )
     notes = [f"left out, for they do not have {len(frame)} samples: {', '.join(left)}"] if left else []
-    for name in frame if bam else ():
-        if lacking := [k for k, entry in enumerate(content["entries"], 1) if name not in entry]:
-            count = f"{len(lacking)} of {len(frame)} entries, the first is entry {lacking[0]}"
-            notes.append(f"'{name}' is missing in {count}; its cells are empty there")
     facts = plain_facts(content) if isinstance(content, Mapping) else {}
     recording = recording_of(frame, path, notes, facts)
     return [replace(recording, kind="bam", facts=facts) if bam else _with_units(recording, content)]
