@@ -193,16 +193,16 @@ def _main(states: dict[str, Topic], left: dict[str, str]) -> tuple[str | None, l
     if main is None:
         return None, []
     kind = STATES[rank(main)[0]]
-    if kind == CONTROLLER and len(states) > 1:
+    controllers = sorted(name for name, topic in states.items() if topic.is_a(CONTROLLER))
+    if kind == CONTROLLER and len(controllers) > 1:
         frames: dict[str, Any] = {}
-        for name in sorted(states):
+        for name in controllers:
             taken = {joint_of(str(field)) for frame in frames.values() for field in frame}
-            own = states[name].frame
+            own = states.pop(name).frame
             frames[name] = own[[field for field in own if joint_of(str(field)) not in taken]]
-        names, main = ", ".join(frames), "/controllers/feedback"
-        states.clear()
+        main = "/controllers/feedback"
         states[main] = Topic(JOINT_STATE, pd.concat(frames.values()).sort_index(kind="stable"))
-        return main, [f"the bag has no {JOINT_STATE} with positions: what {names} measured stands in"]
+        return main, [f"the bag has no {JOINT_STATE} with positions: what {', '.join(frames)} measured stands in"]
     for name in [name for name, topic in states.items() if not topic.is_a(kind)]:
         more = [joint for joint in states.pop(name).with_positions() if joint not in states[main].with_positions()]
         has = f", which does not have {', '.join(more)}" if more else ": it has its joints"
