@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..reader import SLOWEST_PERIOD
+from ..reader import FASTEST_PERIOD, SLOWEST_PERIOD
 from ..types import Array
 from .expression import quoted
 from .lines import ASK, LIKELY, SURE, Line
@@ -17,7 +17,6 @@ from .names import Claim, said
 from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
 from .units import measures
 
-FASTEST_PERIOD = 2e-5  # [s] sample period of the fastest logs that there are
 FASTEST_USUAL_PERIOD = 1e-4  # [s] of the fastest logs that are usual
 SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of clocks [s]."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..types import MIN_CHANGES, READING_SHARE, SIGNAL_UNITS, Array
 from .expression import names_in, quoted, signed_reading
-from .motion import LONGEST_LAG, Relation, move_apart, span, whole_numbers
+from .motion import LONGEST_LAG, MOTION_WINDOW, Relation, move_apart, span, whole_numbers
 from .names import Claim, words_of
 from .units import TEMPERATURES, WORDS, measure, measures, unit_of
 
@@ -25,7 +25,7 @@ DRIVE_QUANTITIES = {"torque": ("torque", "force"), "torque_command": ("torque", 
                     "voltage": ("voltage",)}  # fmt: skip
 LARGEST_PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
 """By signal the most that is taken for N.m, A, V or degC unasked: more is of a large machine, or in a smaller unit."""
-FULL_DUTY = 1.001
+FULL_SHARE = 1.001
 DERIVATIVE_FIT = 0.7
 """Share of a motion that the derivative of the position explains, from which a velocity's size is compared."""
 SAME_UNIT, ROUGHLY_UNIT = math.log(1.05), math.log(1.3)
@@ -41,8 +41,6 @@ COMPARED_FIT, FOLLOWED_FIT = 0.3, 0.5
 """Shares of a motion that a goal explains, from which their sizes are compared, and its delay tells something."""
 ANOTHER_UNIT = 5.0
 """Factor from which a goal may be in another unit than its position: rad and turns, the nearest two, are 6.3 apart."""
-LONGEST_SHARE = 0.95
-"""Share of the longest delay that is looked at from which the best one is at its end."""
 SCALED_ACTIONS, ACTION_OFFSET = 1.5, 0.3
 """Times as far as the actions from which a joint follows scaled ones; share of a joint's range by which it stands
 beside them."""
@@ -268,7 +266,7 @@ def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Ar
     if goes.lag < 0.0:
         why = f"the position moves {late} before it: are goal and position exchanged?"
         return line.but(trust=ASK, why=why, ask=why)
-    if goes.lag > LONGEST_SHARE * LONGEST_LAG:
+    if goes.lag > LONGEST_LAG - MOTION_WINDOW:
         why = f"the position follows it best after {late}, the longest delay that is looked at"
         return line.asking(why, f"is this the goal of the position beside it? {why[0].upper()}{why[1:]}", base)
     return line.but(why=f"{line.why}; the position follows it by {late}")
@@ -317,7 +315,7 @@ def drive_line(signal: str, claim: Claim, values: Array) -> Line:
         return Line(quoted(name), "", SURE if good else ASK, "0 and 1" if good else f"{shown}: which of these mean on?")
     if signal == "duty" and unit == "%":
         return Line(f"{quoted(name)}/100", "1", SURE, f"{says}; {shown}")
-    if signal == "duty" and largest <= FULL_DUTY:
+    if signal == "duty" and largest <= FULL_SHARE:
         return Line(quoted(name), "1", LIKELY, f"a share, 1 is full; {shown}")
     if signal == "duty":
         ask = f"how many counts mean a full duty? Write {quoted(name)}/<that number>"

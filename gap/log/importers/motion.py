@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import Array
+from ..types import MIN_CHANGES, Array
 
 TURN_IN_UNIT = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
 """One turn in each unit of an angle."""
@@ -22,7 +22,7 @@ JUMP_SHARE = 0.1
 """Share of the changes of an angle up to which jumps by a turn are an encoder's; more are commanded steps."""
 NOISE_FACTOR = 3.0
 """Times its noise that a column moves over :data:`MOTION_WINDOW`; noise alone makes 1.4."""
-FEWEST_SAMPLES, MOST_SAMPLES = 50, 40_000
+MOST_SAMPLES = 40_000
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _known(*columns: Array) -> tuple[Array, ...]:
     """Samples of columns that all have, angles without the jumps of an encoder by a turn; none where they are few."""
     columns = tuple(values[:MOST_SAMPLES] for values in columns)
     good = np.logical_and.reduce([np.isfinite(values) for values in columns])
-    return tuple(_unwound(values[good]) for values in columns) if good.sum() >= FEWEST_SAMPLES else ()
+    return tuple(_unwound(values[good]) for values in columns) if good.sum() >= MIN_CHANGES else ()
 
 
 def _unwound(values: Array) -> Array:

@@ -15,6 +15,7 @@ from .expression import quoted
 from .lines import (
     ASK,
     DERIVATIVE_FIT,
+    FULL_SHARE,
     LIKELY,
     POSITION,
     ROUGHLY_UNIT,
@@ -28,7 +29,7 @@ from .lines import (
     reach,
     told,
 )
-from .motion import Relation, encoder, span, whole_numbers
+from .motion import TURN_IN_UNIT, Relation, encoder, span, whole_numbers
 from .names import Claim, is_a
 from .recording import LARGEST_EXACT
 from .units import measure, measures
@@ -40,8 +41,6 @@ STEPS_A_TURN, STEP_AT_ZERO = 4096, 2048
 registers in hw/bus/registers), mounted with 0 rad in the middle (assumed)."""
 MOST_STEPS = 32768.0
 """Steps that a register of 16 bits with a sign does not hold."""
-FEWEST_STEPS = 400.0
-"""Whole numbers that reach over less may be degrees."""
 POSSIBLE = {"angle": ("rad", "deg", "mrad", "turn"), "way": ("m", "mm", "cm")}
 """Units that are tried for a position of which none is said, by its quantity."""
 PLAIN_RAD, MOST_RAD = 2.2 * math.pi, 60.0
@@ -109,7 +108,7 @@ class Position:
         """Whether it may be the opening of a gripper, 0 to 1 or 0 to 100: nobody says its unit, and it shows no
         encoder."""
         named = is_a("gripper", *self.claim.words) and self.claim.unit in ("", "?", "%")
-        return named and (self.share or 0.0 <= self.low <= self.high <= 1.001) and encoder(self.values) is None
+        return named and (self.share or 0.0 <= self.low <= self.high <= FULL_SHARE) and encoder(self.values) is None
 
     @property
     def register(self) -> bool:
@@ -132,7 +131,7 @@ def position_line(one: Position, unit: str, by: str) -> Line:
     if line := of_dialect(one.claim):
         return line
     name, shown, found = one.claim.column, reach(one.values), encoder(one.values)
-    whole = whole_numbers(one.values) and FEWEST_STEPS < span(one.values) < LARGEST_EXACT
+    whole = whole_numbers(one.values) and TURN_IN_UNIT["deg"] < span(one.values) < LARGEST_EXACT
     if unit == "m" and by == "the name" and span(one.values) > MOST_WAY:
         ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
         return in_unit(name, unit, ASK, f"the name ends in m; {shown}", ask)
@@ -221,7 +220,7 @@ class Positions:
         self.unit = unit
         lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in found}
         registers = [one for one in found if one.register]
-        if any(one.high > 360.0 for one in registers):  # further than degrees
+        if any(one.high > TURN_IN_UNIT["deg"] for one in registers):  # further than degrees
             lines |= {one.claim.column: _counted(one) for one in registers}
         alone = all(one.of_gripper for one in found)  # else a gripper may be in a unit of its own
         alike = [one for one in found if lines[one.claim.column].open and (alone or not one.of_gripper)]

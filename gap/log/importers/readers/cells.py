@@ -13,12 +13,10 @@ import numpy as np
 import pandas as pd
 
 from ...types import Array
-from ..recording import LARGEST_EXACT
+from ..recording import LARGEST_EXACT, STRAY_SHARE
 from ..units import unit_of
 
 SECONDS_A_DAY = 86400.0  # [s]
-STRAY_SHARE = 0.02
-"""Share of cells that may be no number in a column of numbers."""
 MISSING = ("", "-", "--", "---", "nan", "null", "none", "n/a", "na", "inf", "-inf", "#n/a", "ovf")
 NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
 LIST = r"[\[(]\s*[-+]?[\d.][-+\d.eE,;\s]*[\])]"

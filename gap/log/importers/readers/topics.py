@@ -14,6 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
+from ...parts import GAP_PERIODS
 from ...types import Array
 from ..clocks import in_force
 
@@ -26,8 +27,6 @@ LISTS = ("name", "joint_names")
 SKIPPED = ("header", "layout", "multi_dof_joint_names")
 LEADING_SHARE = 0.1
 """Share of the messages of the most frequent set of joints from which another set may lead."""
-LONGEST_GAP = 10.0
-"""Periods of a field without a message over which nothing is interpolated."""
 
 
 def short(topic: str) -> str:
@@ -104,7 +103,7 @@ class Topic:
             return np.full(len(at), np.nan)
         after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
         apart = np.diff(times)
-        near = (apart[after - 1] <= LONGEST_GAP * np.median(apart)) | np.isin(at, times)
+        near = (apart[after - 1] <= GAP_PERIODS * np.median(apart)) | np.isin(at, times)
         return np.where(near, np.interp(at, times, known.to_numpy(np.float64), left=np.nan, right=np.nan), np.nan)
 
     def leading(self) -> tuple[NDArray[np.bool_], list[str]]:
