@@ -187,18 +187,12 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
     position, goal = joint.log.position, joint.log.goal
     wrong: dict[str, str] = {}
     fast: dict[str, str] = {}
+    reach, top = float(np.abs(position).max()), float(np.quantile(np.abs(joint.velocity), 0.995))
     # An encoder has a power of two of steps per turn, so its step betrays the unit whatever the motion.
-    for signal, values in (("position", position), ("goal", goal)):
-        if values is None:
-            continue
-        steps = steps_of_a_turn(joint.step if signal == "position" else 0.0)
-        speed = float(np.quantile(np.abs(np.diff(values)) / np.diff(joint.time), 0.95))
-        if "deg" in steps:
-            wrong[signal] = f"its step of {joint.step:.4g} is a whole turn of 360 divided by {steps['deg']}"
-        elif signal == "position" and np.abs(values).max() > MAX_STOPPED_ANGLE and speed > MAX_GEARED_SPEED / 3.0:
-            top = float(np.quantile(np.abs(joint.velocity), 0.995))
-            if top > MAX_GEARED_SPEED:
-                _told_by_speed(joint, signal, f"{np.abs(values).max():.3g} at {top:.3g} per second", top, wrong, fast)
+    if "deg" in (steps := steps_of_a_turn(joint.step)):
+        wrong["position"] = f"its step of {joint.step:.4g} is a whole turn of 360 divided by {steps['deg']}"
+    elif reach > MAX_STOPPED_ANGLE and top > MAX_GEARED_SPEED:
+        _told_by_speed(joint, "position", f"{reach:.3g} at {top:.3g} per second", top, wrong, fast)
     for signal, values in (("position", position), ("goal", goal)):
         if values is not None and signal not in wrong and (reason := _beyond_degrees(joint, values)):
             wrong[signal] = reason
