@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..common.errors import SealegsError
-from .chain import Chain
+from .chain import GIVING, Chain
 from .compiled import compiled
 from .law import begin, torque
 from .layout import P_STATE_SIZE, P_VISCOUS, S_LIMIT
@@ -128,7 +128,7 @@ def _on_the_bench(chain: Chain, temperature: float) -> Chain:
     stages = [
         stage
         for stage in chain.stages
-        if stage.name not in ("spring", "compliance", "backlash", "encoder")
+        if stage.name not in (*GIVING, "encoder")
         and chain.quantity_before(stage) != Quantity.POSITION_GOAL
     ]
     if not any(Quantity.DUTY in stage.takes for stage in stages):

@@ -11,14 +11,14 @@ from ..common.atomic import write_text
 from ..common.errors import SealegsError
 from ..common.extras import needed_for
 from .brake_bench import BenchTable
-from .chain import Chain
+from .chain import GIVING, Chain
 from .regression_fit import EQUATION_3, RPM, RegressionFit, misses, usable, write_table
 from .stages import Quantity
 from .stages.controller import PositionP
 from .stages.motor import Regression
 from .stages.power import DutyLimit
 
-BEHIND = ("spring", "compliance", "backlash", "encoder")
+BEHIND = (*GIVING, "encoder")
 
 
 def chain_from(fit: RegressionFit, table: BenchTable, measured: Chain | None, gain: float, armature: float) -> Chain:

@@ -34,6 +34,8 @@ from .stages.parity import Frame
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 LIBRARY = CHECKOUT / "configs" / "actuator"
+GIVING = ("spring", "compliance", "backlash")
+"""Stages in which motor and link turn apart."""
 
 
 @dataclass(frozen=True)
@@ -148,10 +150,16 @@ class Chain:
 
     def armature(self) -> float:
         """Rotor inertia at the joint [kg.m2]."""
-        for stage in self.stages:
-            if (inertia := stage.parameters().get("armature")) is not None:
-                return inertia * self.gear_ratio() ** 2
-        return 0.0
+        return self.value(rotor) * self.gear_ratio() ** 2 if (rotor := self.rotor()) else 0.0
+
+    def rotor(self) -> str:
+        """The rotor's inertia as ``stage.parameter``; empty where no stage has one."""
+        having = (stage.name for stage in self.stages if stage.parameters().get("armature", 0.0) > 0.0)
+        return next((f"{name}.armature" for name in having), "")
+
+    def gives(self) -> bool:
+        """Whether motor and link turn apart: by a spring, by what yields, or by play."""
+        return any(self.find(name) is not None for name in GIVING)
 
     def value(self, path: str) -> float:
         """A parameter by ``stage.parameter``."""

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ..common.errors import SealegsError
-from .chain import Chain
+from .chain import GIVING, Chain
 from .drivetrain import Drivetrain
 from .layout import S_TORQUE
 from .net_training import TrainingRun
@@ -18,7 +18,7 @@ STEP = 0.001  # [s]
 LOADS = ((0.05, 0.05), (0.3, 0.08), (0.5, 0.12), (1.0, 0.15))  # mass [kg] and length [m] (assumed)
 PENDULUM = """<mujoco><option timestep="{step}" integrator="RK4"/><worldbody><body><joint name="shaft" axis="0 1 0"/>
 <inertial pos="0 0 -{length}" mass="{mass}" diaginertia="1e-6 1e-6 1e-6"/></body></worldbody></mujoco>"""
-BEHIND = ("friction", "spring", "compliance", "backlash", "encoder")
+BEHIND = ("friction", *GIVING, "encoder")
 
 
 def simulated_runs(chain: Chain, count: int, seconds: float, rate: float, seed: int) -> list[TrainingRun]:
@@ -44,7 +44,7 @@ def simulated_runs(chain: Chain, count: int, seconds: float, rate: float, seed: 
         )
     rng = np.random.default_rng(seed)
     motor = Chain(
-        tuple(stage for stage in chain.stages if stage.name not in ("spring", "compliance", "backlash")), chain.label
+        tuple(stage for stage in chain.stages if stage.name not in GIVING), chain.label
     )
     runs = []
     for number in range(count):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -115,6 +115,8 @@ class Cause:
         against: signal that the nominal model's error depends on where the cause is present: a quantity of the picture
             ``response``, or the column that shows a cause of the ground best.
         plausible: size by path at which it ought to show, so that finding none of it means something.
+        at_motor: its form on the motor's side of what gives between motor and link, which is the usual one and no other
+            law as long as nothing gives; None where it has none.
         signature: key of the features in which the extended model must agree with the measurement before the cause is
             certain (:mod:`sealegs.gap.measure.signatures`); empty where none is known.
     """
@@ -133,6 +135,7 @@ class Cause:
     signature: str = ""
     of_column: bool = False
     against: str = "speed"
+    at_motor: Variant | None = None
     plausible: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
@@ -160,7 +163,11 @@ class Cause:
 
         Another law, such as friction with the square of the load, fits more and extrapolates worse.
         """
-        return {p.path for p in variant} == {p.path for p in self.variants[0]}
+        return variant == self.at_motor or {p.path for p in variant} == {p.path for p in self.variants[0]}
+
+    def parted(self) -> Cause:
+        """The cause where something gives between motor and link: on either side of it."""
+        return self if self.at_motor is None else replace(self, variants=(*self.variants, self.at_motor))
 
 
 def visible(causes: Sequence[Cause], view: View) -> tuple[list[Cause], list[str]]:

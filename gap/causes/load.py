@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..replay.joint_model import JointModel
-from ..replay.parameters import Parameter
+from ..replay.parameters import Parameter, factor
 from .cause import Cause, Limit, Needs
 from .registry import entry
 
@@ -32,12 +32,13 @@ def mass(nominal: JointModel) -> Cause:
 
 @entry("load.inertia")
 def inertia(nominal: JointModel) -> Cause:
-    ranges = nominal.load.inertia_ranges(nominal.chain.armature())
+    ranges, rotor = nominal.load.inertia_ranges(nominal.chain.armature()), nominal.chain.rotor()
     return Cause(
         sentence="The load, or a rotor that turns with it, has another inertia than the model says.",
         picture="response",
         against="acceleration",
         variants=tuple((Parameter(f"load.{key}", "kg.m2", *ends),) for key, ends in ranges.items()),
+        at_motor=(factor(rotor, 0.1, 10.0),) if rotor else None,
         error=True,
         needs=CLAIMED,
     )

@@ -79,7 +79,7 @@ class LegModel:
 
     def gives_way(self, joint: str) -> bool:
         """Whether motor and link of a joint move apart."""
-        return any(self.chains[joint].find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+        return self.chains[joint].gives()
 
     def drivetrain(self) -> Drivetrain:
         """The leg in the engine, on ground that may slope and give way along its normal."""

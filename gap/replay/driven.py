@@ -213,7 +213,7 @@ def _shown_side(problem: DrivenProblem) -> TorqueSide | None:
 
 def is_elastic(model: JointModel) -> bool:
     """Whether motor and link of a joint move apart."""
-    return any(model.chain.find(stage) is not None for stage in ("spring", "compliance", "backlash"))
+    return model.chain.gives()
 
 
 def _link(run: MeasuredRun, joint: str) -> np.ndarray:

@@ -72,8 +72,7 @@ class Searcher(Rounds):
         if not pays:
             return False
         winner = candidates[0]
-        self.outrun = self.outrun or self.refitting_beats(accepted, current.fits, winner.blocks)
-        accepted.append(winner)
+        accepted[:] = [*(winner.beside or accepted), winner]
         found.current = self.of(winner)
         self.progress(Milestone(f"found {winner.cause.key} (removes {100 * winner.gain:.0f} % of what was left)"))
         steps[-1] = Step(record, winner.cause.key)

@@ -32,7 +32,7 @@ def search_loosely(searcher: Searcher, found: Search) -> Search:
     """
     tight = _blocks(searcher, found)
     far = searcher.held_back(found.fits) and searcher.excess(found.fits) > searcher.settings.open_excess
-    if not (searcher.outrun or far or searcher.refitting_beats(found.accepted, found.fits, tight)):
+    if not (far or searcher.refitting_beats(found.accepted, found.fits, tight)):
         return found
     searcher.progress("its numbers are off by more than their tolerance: seeking causes beside refitted numbers")
     loose = beside_refitted(searcher)

@@ -28,6 +28,7 @@ class Candidate:
         better: share of bootstrap draws in which it lowers the loss at all.
         best: share of draws in which it is the best of the round (win rate).
         gain: share of the excess loss that it removes, at most 1: the excess is an estimate.
+        beside: what was accepted, where it takes another form beside this one.
     """
 
     cause: Cause
@@ -37,6 +38,7 @@ class Candidate:
     better: float = 0.0
     best: float = 0.0
     gain: float = 0.0
+    beside: tuple[Candidate, ...] = ()
 
     @property
     def blocks(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..checks.bootstrap import block_weights
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..replay.comparison import robust_loss
+from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from . import decide
@@ -22,7 +23,7 @@ from .result import Candidate
 from .rough import charged, rough_fits, to_try
 from .screen import screen
 from .settings import DEFAULT, SearchSettings
-from .simpler import at_bound, contradicted, elaborates, visited, without_friction
+from .simpler import at_bound, contradicted, elaborates, gives, visited, without_friction
 from .sketch import coarsened, most_iterations, sketch
 from .state import Judged
 
@@ -55,7 +56,6 @@ class Rounds:
     wide: tuple[Parameter, ...] = ()
     start: Mapping[str, float] | None = None
     led: tuple[str, ...] = ()
-    outrun: bool = field(default=False, init=False)  # by refitted numbers, in a round
     replaced: set[str] = field(default_factory=set, init=False)  # causes in whose place another stands, or none
     optima: dict[frozenset[Parameter], float] = field(default_factory=dict, init=False)  # costs on the sketch
 
@@ -193,7 +193,29 @@ class Rounds:
         if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
         chosen = to_try(screened.chosen, shown, self.numbers, blind=left > self.settings.far)
-        return self.fitted(chosen, accepted, current, left), screened.promise
+        found = self.fitted(chosen, accepted, current, left)
+        return [*found, *self.parted(chosen, accepted, current, left)], screened.promise
+
+    def parted(
+        self, chosen: Sequence[tuple[Cause, Variant]], accepted: Sequence[Candidate], current: Judged, left: float
+    ) -> list[Candidate]:
+        """What first lets motor and link turn apart, beside causes on the motor's side of it; arguments as of
+        :meth:`fitted`.
+
+        Until then both sides are one quantity, and no round could tell on which of them a cause was.
+        """
+        giving = [(cause, variant) for cause, variant in chosen if gives(variant)]
+        moved = tuple(replace(c, variant=c.cause.at_motor or c.variant) for c in accepted)
+        alike = all(a.variant == b.variant for a, b in zip(moved, accepted, strict=True))
+        if not giving or alike or self.apart(accepted):
+            return []
+        here = self.judged(self.fit_both(self.parameters(moved), middle(*current.fits)))
+        return [replace(one, beside=moved) for one in self.fitted(giving, moved, here, left)]
+
+    def apart(self, accepted: Sequence[Candidate]) -> bool:
+        """Whether motor and link turn apart, as nominal or by what was accepted."""
+        nominal = isinstance(self.nominal, JointModel) and self.nominal.chain.gives()
+        return nominal or gives(self.parameters(accepted))
 
     def fitted(
         self,
@@ -264,7 +286,8 @@ class Rounds:
         """What the data can show beside a model, less what another took the place of."""
         taken = {c.cause.key for c in accepted} | self.replaced
         taken |= without_friction(self.shown, self.parameters(accepted), self.nominal)
-        return [cause for cause in self.shown if cause.key not in taken]
+        apart = self.apart(accepted)
+        return [cause.parted() if apart else cause for cause in self.shown if cause.key not in taken]
 
     def simplest(self, found: Sequence[Candidate], extended: Sequence[Parameter], shown: set[str]) -> list[Candidate]:
         """Candidates less those that are the simpler cause which they degenerate to; that one is always tried.

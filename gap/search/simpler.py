@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ...actuators.chain import GIVING
 from ..causes.cause import Cause, Variant
 from ..replay.parameters import Parameter
 from ..replay.problem import Nominal, Problem
@@ -51,6 +52,11 @@ def without_friction(causes: Iterable[Cause], turned: Iterable[Parameter], nomin
     dry = "friction.coulomb"
     has = not asked or any(p.number == dry for p in turned) or nominal.value(dry) > 0.0
     return set() if has else asked
+
+
+def gives(turned: Iterable[Parameter]) -> bool:
+    """Whether what is turned lets motor and link turn apart."""
+    return any(p.number.partition(".")[0] in GIVING for p in turned)
 
 
 def visited(problem: Problem) -> float:
