@@ -83,9 +83,11 @@ def latency_of(looks: Mapping[str, Look], causes: Mapping[str, Sequence[Cause]],
     joints = agreeing({joint: (value, half) for joint, (value, half, _) in rows.items()})
     if len(joints) < max(2, AGREEING * len(rows)):
         return None
-    value, half = mean_of([rows[joint][:2] for joint in joints])
-    if abs(value - believed) <= half:
+    clock = CLOCK * max(max(periods_of(looks[joint].problem)) for joint in joints)
+    mean = apart_from(believed, {joint: rows[joint][:2] for joint in joints}, clock)
+    if mean is None:
         return None
+    value, half = mean
     sure = _win_rate({joint: looks[joint] for joint in joints}, causes, seed)
     if sure is None:
         return None
@@ -109,6 +111,23 @@ def agreeing(values: Mapping[str, tuple[float, float]]) -> list[str]:
         # the one with the wider interval knows less
         del left[worst]
     return list(left)
+
+
+def apart_from(believed: float, values: Mapping[str, tuple[float, float]], clock: float) -> tuple[float, float] | None:
+    """The mean of the joints' values, and its half width; None where it may be what is believed.
+
+    What one joint alone says is that joint's: without any of them, the others must say it too.
+
+    Args:
+        believed: value.
+        values: of each joint, with its half width.
+        clock: by which all joints may be off alike, which no mean takes away.
+    """
+    means = [mean_of([pair for joint, pair in values.items() if joint != left]) for left in (None, *values)]
+    if any(abs(value - believed) <= max(half, clock) for value, half in means):
+        return None
+    value, half = means[0]
+    return value, max(half, clock)
 
 
 def mean_of(values: Sequence[tuple[float, float]]) -> tuple[float, float]:

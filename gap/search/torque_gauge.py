@@ -1,9 +1,9 @@
 """What a log of commands and motion leaves open: all torques and inertias of a joint may be larger by one factor.
 
 Nothing in such a log is a torque that was measured. A torque-driven joint moves alike where drive, friction, mass and
-inertia are all a few percent more, and so does one behind an ideal position loop. Only what is believed of drive and
-mass, each within its tolerance, says how large they are; a profile to first order about one optimum misses most of it.
-A DC motor's back-EMF fixes the factor.
+inertia are all a few percent more, and so does one behind an ideal position loop, or behind a DC motor with a lower
+resistance: torque per volt and back-EMF per speed go with its inverse alike. Only what is believed of drive and mass,
+each within its tolerance, says how large they are; a profile to first order about one optimum misses most of it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ MASS = "load.mass_factor"
 LOADS = (MASS, "load.payload", "load.extra_inertia", "load.rotor_inertia")
 DRIVES = (("scale.factor",), ("ideal.stiffness", "ideal.strength"))
 """Numbers of drives whose product says what a command is worth."""
+RESISTANCE = "dc_motor.resistance"
+"""What its inverse says of, where no current is judged."""
 
 
 def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str, float]) -> tuple[float, float]:
@@ -35,7 +37,9 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
     """
     by_number = {p.number: p for p in parameters}
     joint = problem.joint
-    if joint is None or joint.free_joint is None or MASS not in by_number or not is_open(joint.models[0]):
+    if joint is None or joint.free_joint is None or MASS not in by_number:
+        return 1.0, 1.0
+    if not (is_open(joint.models[0]) or unmeasured_motor(joint, joint.models[0])):
         return 1.0, 1.0
     least, most = 0.0, math.inf
     for anchor in ((MASS,), *DRIVES):
@@ -43,6 +47,8 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
         if held:
             least = max(least, math.prod(p.low / values[p.path] for p in held))
             most = min(most, math.prod(p.high / values[p.path] for p in held))
+    if (motor := by_number.get(RESISTANCE)) is not None:
+        least, most = max(least, values[motor.path] / motor.high), min(most, values[motor.path] / motor.low)
     if least == 0.0 or most == math.inf:
         return 1.0, 1.0
     return min(least, 1.0), max(most, 1.0)
@@ -51,6 +57,12 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
 def is_open(model: JointModel) -> bool:
     """Whether a joint's log leaves the factor open: torques or an ideal loop drive it, and no spring is behind."""
     return not model.elastic and (model.by_torque or model.chain.find("ideal") is not None)
+
+
+def unmeasured_motor(problem: Problem, model: JointModel) -> bool:
+    """Whether a DC motor drives a joint whose current and torque are not judged, and no spring is behind."""
+    judged = {channel for channel, weight in zip(problem.channels, problem.weight, strict=True) if weight > 0.0}
+    return not model.elastic and model.chain.find("dc_motor") is not None and not judged & {"current", "torque"}
 
 
 def is_torque(parameter: Parameter) -> bool:

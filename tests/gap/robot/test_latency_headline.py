@@ -15,7 +15,7 @@ from sealegs.gap.measure.named import CERTAIN, Error, NamedCause, Value
 from sealegs.gap.replay.parameters import Parameter, factor
 from sealegs.gap.robot.search import ROBOT, SharedFound
 from sealegs.gap.robot.together import beside_latency, with_latency
-from sealegs.gap.search.latency import DELAY, NUMBER, Latency, agreeing, mean_of
+from sealegs.gap.search.latency import DELAY, NUMBER, Latency, agreeing, apart_from, mean_of
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
 
 LATE = Latency(0.0243, 0.0236, 0.025, 0.005, ("pan", "tilt"), 1.0)
@@ -133,6 +133,16 @@ def test_the_mean_is_of_the_joints_that_know_most_and_as_wide_as_they_differ() -
     value, half = mean_of([(0.022, 0.0002), (0.030, 0.02)])
     assert value == pytest.approx(0.022, abs=1e-5) and half == pytest.approx(0.0002, rel=0.01)
     assert mean_of([(0.020, 0.0005), (0.022, 0.0005)])[1] > mean_of([(0.021, 0.0005), (0.021, 0.0005)])[1]
+
+
+def test_what_one_joint_alone_says_or_a_clock_may_hide_is_no_latency_of_all() -> None:
+    """The knee of a leg hid resistance and viscous friction: 4.4 ms at all joints, where 5.0 was believed and right."""
+    knee = {"hip_roll": (4.69, 1.0), "hip_pitch": (3.99, 1.0), "knee": (4.56, 1.0)}
+    assert apart_from(5.0, knee, clock=1.0) is None
+    assert apart_from(5.0, {"hip": (7.0, 4.0), "knee": (12.0, 0.5)}, clock=0.5) is None
+    value, half = apart_from(5.0, {"wrist": (18.4, 2.0), "jaw": (17.8, 2.0)}, clock=1.0) or (0.0, 0.0)
+    assert value == pytest.approx(18.1) and half == pytest.approx(2.0 / 2.0**0.5)
+    assert apart_from(5.0, {"wrist": (18.4, 0.1), "jaw": (17.8, 0.1)}, clock=1.0) == pytest.approx((18.1, 1.0))
 
 
 def test_a_joint_turns_its_delay_about_the_shared_one_alone_and_seeks_no_other() -> None:
