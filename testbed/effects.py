@@ -109,6 +109,7 @@ EFFECTS: dict[str, Effect] = {
         "derivative_gain", "s/rad", _set("derivative_gain"), (0.0438, 0.0189, 0.00546), (0.0, 0.5)
     ),
     "friction.drag": Effect("drag", "N.m.s2/rad2", _set("air_drag"), (0.00837, 0.00328, 0.00106), (0.0, 0.3)),
+    "drive.resistance": Effect("resistance_factor", "1", _times("resistance"), (1.14, 1.055, 1.018), (1.0, 3.0)),
 }
 
 STRANGERS: dict[str, Effect] = {
@@ -121,8 +122,8 @@ STRANGERS: dict[str, Effect] = {
 """Effects that no catalogue of causes holds; nothing may be named for them with confidence."""
 
 BOTH_SIGNS = {
-    "friction.asymmetric", "drive.gain", "drive.offset", "drive.motor_constant", "transmission.gear_ratio",
-    "load.mass", "load.centre_of_mass", "sensor.offset", "sensor.scale", "spring.stiffness",
+    "friction.asymmetric", "drive.gain", "drive.offset", "drive.motor_constant", "drive.resistance",
+    "transmission.gear_ratio", "load.mass", "load.centre_of_mass", "sensor.offset", "sensor.scale", "spring.stiffness",
 }  # fmt: skip
 """Effects that may as well be of the other sign."""
 SPREAD = 1.4

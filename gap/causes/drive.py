@@ -262,3 +262,16 @@ def motor_constant(nominal: JointModel) -> Cause:
         variants=((strength,),),
         error=True,
     )
+
+
+@entry("drive.resistance", has("dc_motor"))
+def resistance(nominal: JointModel) -> Cause:
+    del nominal
+    return Cause(
+        sentence="The winding has another resistance: torque per volt and back-EMF per speed go with its inverse.",
+        picture="response",
+        against="motor torque",
+        variants=((factor("dc_motor.resistance", 0.3, 3.0),),),
+        error=True,
+        degenerates_to=Limit("drive.motor_constant", "the joint turns slowly"),
+    )

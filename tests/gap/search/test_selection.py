@@ -232,3 +232,29 @@ def test_what_refitted_numbers_stood_in_for_is_named_with_its_size(tmp_path: Pat
     for name, size in HIDDEN.items():
         value = next(iter(named[name].parameters.values()))
         assert value.low <= size <= value.high and named[name].confidence > 0.8, name
+
+
+@pytest.mark.long
+def test_a_rotor_and_play_that_act_together_are_named_and_no_number_is_refitted(tmp_path: Path) -> None:
+    """Rotor, mass and delay were found, then compliance in the place of the play: beside it the rotor's inertia must be
+    on the motor's side. Refitted numbers took the place of all, resistance times 1.66 and friction times 0.57 among
+    them, and the delay alone was right.
+    """
+    hidden = drawn(0, 700)
+    data, truth = hidden_everyday(hidden, tmp_path)
+    (found,) = diagnose(data)
+    named = {cause.name: cause for cause in found.causes}
+    assert set(named) == {"load.inertia", "drive.delay", "load.mass", "transmission.backlash"}
+    assert found.causes[0].name == "load.inertia" and found.search is not None and not found.search.loose
+    sizes = {name: effect["values"][0] for effect in truth["effects"] for name in effect["cause"] if "values" in effect}
+    sizes["load.mass"] = hidden.with_effects(hidden.effects)[1] / hidden.machine.tip_mass
+    for name in ("load.inertia", "drive.delay", "load.mass"):
+        value = next(iter(named[name].parameters.values()))
+        assert value.low <= sizes[name] <= value.high, name
+
+
+def test_an_inertia_is_on_either_side_of_what_gives_and_one_quantity_where_nothing_does() -> None:
+    (inertia,) = catalogue(JointModel(load_chain("sts3215")), ["load.inertia"])
+    paths = [[parameter.path for parameter in variant] for variant in inertia.parted().variants]
+    assert paths == [["load.extra_inertia"], ["dc_motor.armature*"]] and len(inertia.variants) == 1
+    assert inertia.at_motor is not None and inertia.is_usual(inertia.at_motor), "neither is another law"
