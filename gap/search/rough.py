@@ -62,7 +62,7 @@ def rough_fits(
         extended: parameters of the model.
         here: their values.
         settings: thresholds.
-        known: cost of the cause in whose place they are tried: wrong numbers that are far behind it get one, too.
+        known: cost of the cause in whose place they are tried, which effects are held against, too.
     """
     first = [fit(sketch, merge(extended, variant), here, 1) for _, variant in chosen]
     least = min((found.cost for found in first), default=0.0)
@@ -70,7 +70,7 @@ def rough_fits(
     rough = []
     foreseen = {cause.key for cause, _ in chosen[: settings.foreseen]}
     for found, (cause, variant) in zip(first, chosen, strict=True):
-        if found.cost < settings.hopeless_cost * least or (cause.error and known is None) or cause.key in foreseen:
+        if found.cost < settings.hopeless_cost * least or cause.error or cause.key in foreseen:
             more = settings.rough_iterations - 1
             found = fit(sketch, merge(extended, variant), found.values, more)
         rough.append((found, cause, variant))
