@@ -128,8 +128,7 @@ def _on_the_bench(chain: Chain, temperature: float) -> Chain:
     stages = [
         stage
         for stage in chain.stages
-        if stage.name not in (*GIVING, "encoder")
-        and chain.quantity_before(stage) != Quantity.POSITION_GOAL
+        if stage.name not in (*GIVING, "encoder") and chain.quantity_before(stage) != Quantity.POSITION_GOAL
     ]
     if not any(Quantity.DUTY in stage.takes for stage in stages):
         raise SealegsError(

@@ -43,9 +43,7 @@ def simulated_runs(chain: Chain, count: int, seconds: float, rate: float, seed: 
             f"a rate of {rate:g} Hz does not divide the simulation's 1000 Hz; take 1000, 500, 250, 200 or 100."
         )
     rng = np.random.default_rng(seed)
-    motor = Chain(
-        tuple(stage for stage in chain.stages if stage.name not in GIVING), chain.label
-    )
+    motor = Chain(tuple(stage for stage in chain.stages if stage.name not in GIVING), chain.label)
     runs = []
     for number in range(count):
         mass, length = LOADS[number % len(LOADS)]
