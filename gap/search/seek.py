@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .changed import with_changed_numbers
 from .led import search_led
-from .loose import search_loosely
+from .loose import charged, search_loosely
 from .result import Search
 from .tied import search_tied
 
@@ -24,6 +25,21 @@ def seek(searcher: Searcher) -> Search:
 
 def _ways(searcher: Searcher) -> tuple[Search, ...]:
     """What is found within the tolerance of the numbers, and what is taken in the end; one where they are the same."""
-    first = searcher.run()
+    first = without_the_first(searcher, searcher.run())
     taken = search_tied(searcher, search_loosely(searcher, first))
     return (first, taken) if taken.loose else (taken,)
+
+
+def without_the_first(searcher: Searcher, found: Search) -> Search:
+    """What is found where the cause that came first is left out, if much stayed beside it and less does then.
+
+    A cause that stands in for several together comes before each of them, as a higher resistance does for a heavier
+    rotor and a heavier load, and in its place alone none of them does as well.
+    """
+    if not found.accepted or not searcher.excess(found.fits) > searcher.settings.open_excess:
+        return found
+    first = found.accepted[0].cause.key
+    searcher.progress(f"much stays beside {first}: seeking without it")
+    causes = [cause for cause in searcher.considered if cause.key != first]
+    other = replace(replace(searcher, causes=causes).run(), causes=searcher.considered)
+    return other if other.accepted and charged(searcher, other) < charged(searcher, found) else found
