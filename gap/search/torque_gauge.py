@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 from ...actuators.stages import stage_of
 from ..replay.joint_model import JointModel
-from ..replay.parameters import Parameter, address
+from ..replay.parameters import TIGHT, Parameter, address
 from ..replay.problem import Problem
 
 MASS = "load.mass_factor"
@@ -39,7 +39,10 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
     joint = problem.joint
     if joint is None or joint.free_joint is None or MASS not in by_number:
         return 1.0, 1.0
-    if not (is_open(joint.models[0]) or unmeasured_motor(joint, joint.models[0])):
+    motor = by_number.get(RESISTANCE) if unmeasured_motor(joint, joint.models[0]) else None
+    if motor is not None and motor.high > 1.0 + TIGHT:  # refitted or a cause: rotor and friction hold the factor
+        motor = None
+    if motor is None and not is_open(joint.models[0]):
         return 1.0, 1.0
     least, most = 0.0, math.inf
     for anchor in ((MASS,), *DRIVES):
@@ -47,7 +50,7 @@ def room(problem: Problem, parameters: Sequence[Parameter], values: Mapping[str,
         if held:
             least = max(least, math.prod(p.low / values[p.path] for p in held))
             most = min(most, math.prod(p.high / values[p.path] for p in held))
-    if (motor := by_number.get(RESISTANCE)) is not None:
+    if motor is not None:
         least, most = max(least, values[motor.path] / motor.high), min(most, values[motor.path] / motor.low)
     if least == 0.0 or most == math.inf:
         return 1.0, 1.0

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.actuators.stability import velocity_slope
@@ -16,7 +17,7 @@ from sealegs.gap.load.tree_load import TreeLoad
 from sealegs.gap.measure.unseen import refitted_numbers
 from sealegs.gap.output.mjcf import _actuator
 from sealegs.gap.replay.joint_model import Axis, JointModel
-from sealegs.gap.replay.parameters import TIGHT, Parameter
+from sealegs.gap.replay.parameters import TIGHT, Parameter, factor
 from sealegs.gap.search.torque_gauge import is_torque, room
 
 from testbed.logs import hidden_arm
@@ -63,6 +64,23 @@ def test_what_a_position_log_leaves_open_of_all_torques_is_the_room_of_drive_and
     assert torques == {"torque_command.armature", "friction.coulomb", "friction.viscous", "scale.factor"} | {
         "load.mass_factor"
     } | ({"offset.value"} & {p.number for p in tuned})
+
+
+def test_a_resistance_within_its_tolerance_leaves_all_torques_open_and_one_that_is_sought_does_not(
+    tmp_path: Path,
+) -> None:
+    data, _ = hidden_arm(tmp_path, "two_link", {}, seed=3, runs=1, duration=3.0)
+    free = problem(data.runs[0], "elbow")
+    tuned = adjustable(free.models[0])
+    mass = Parameter("load.mass_factor", "1", 0.2, 6.0, 1.0, 0.1, logarithmic=True)
+    numbers = [*(p for p in tuned if p.number != mass.number), mass]
+    values = {p.path: 1.0 for p in numbers} | {"load.mass_factor": 2.0, "dc_motor.resistance*": 1.03}
+    assert room(free, numbers, values) == pytest.approx((1.03 / (1.0 + TIGHT), 1.03 * (1.0 + TIGHT)))
+    sought = [factor("dc_motor.resistance", 0.3, 3.0) if p.number == "dc_motor.resistance" else p for p in numbers]
+    assert room(free, sought, values) == (1.0, 1.0)
+    current = free.channels.index("current")
+    weighed = replace(free, weight=np.where(np.arange(len(free.weight)) == current, 1.0, free.weight))
+    assert room(weighed, numbers, values) == (1.0, 1.0), "a current that was logged says how large torques are"
 
 
 def test_what_is_a_torque_is_the_same_on_a_slide() -> None:
