@@ -11,7 +11,7 @@ from ..checks.recording import before_goal_note
 from ..load.efforts import EFFORTS
 from ..log.finding import Finding
 from ..log.torque_side import side_note
-from ..replay.driven import DrivenProblem, efforts_of, is_elastic, not_predicted
+from ..replay.driven import DrivenProblem, efforts_of, not_predicted
 from ..replay.joint_model import JointModel
 from ..replay.torque import TorqueProblem, acts
 from .catalogue import catalogue, checked
@@ -32,7 +32,7 @@ def view_of(problem: DrivenProblem, nominal: JointModel) -> View:
     columns = _logged(problem) & {"position", *efforts_of(problem.models)}
     if problem.torque_side == "drive":  # which says no more of friction than current and duty do
         columns -= {"torque"}
-    moves = problem.signal[0] == "position" or is_elastic(nominal)
+    moves = problem.signal[0] == "position" or nominal.chain.gives()
     return View(free_link=False, free_motor=moves, columns=frozenset(columns))
 
 

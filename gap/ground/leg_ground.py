@@ -52,7 +52,7 @@ def lay_leg(
     except SealegsError as error:
         raise LogError(f"{runs[0].name}: {error}") from None
     hidden = [
-        name for name in JOINTS if leg.gives_way(name) and any(r.joints[name].link_position is None for r in runs)
+        name for name in JOINTS if leg.chains[name].gives() and any(r.joints[name].link_position is None for r in runs)
     ]
     if hidden:
         wanted = " and ".join(f"{name}.link_position" for name in hidden)

@@ -77,10 +77,6 @@ class LegModel:
         """The leg on another ground; factors are on this one's own values."""
         return replace(self, ground={**self.ground, **absolute(values, self)})
 
-    def gives_way(self, joint: str) -> bool:
-        """Whether motor and link of a joint move apart."""
-        return self.chains[joint].gives()
-
     def drivetrain(self) -> Drivetrain:
         """The leg in the engine, on ground that may slope and give way along its normal."""
         numbers = {name: self.value(path) for path, name in NUMBERS.items()}

@@ -66,7 +66,7 @@ class DrivenProblem(JointProblem):
         """The response; of a spring the torque that it passes on. The pictures show motion, which may be given."""
         if self.signal[0] != "position":
             return ""
-        return "passed_torque" if named == "hysteresis" and is_elastic(self.models[0]) else "response"
+        return "passed_torque" if named == "hysteresis" and self.models[0].chain.gives() else "response"
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ def driven_problem(
     """
     plain = lay_out(runs, joint, units, models[0].command)
     logs = [run.joints[joint] for run in runs]
-    elastic = any(is_elastic(model) for model in models)
+    elastic = any(model.chain.gives() for model in models)
     if elastic and any(log.link_position is None for log in logs):
         raise LogError(
             f"joint '{joint}' has a spring or play between motor and link, and '{joint}.link_position' was not logged: "
@@ -209,11 +209,6 @@ def _shown_side(problem: DrivenProblem) -> TorqueSide | None:
     delays = [{}, *({"delay.seconds": believed + seconds} for seconds in late[1:])]
     shaft, drive = (replace(problem, torque_side=side).simulate(delays)[:, good, where] for side in SIDES)
     return side_by_drive(torque[good], drive, drive - shaft, problem.link[good, 1], problem.block[good])
-
-
-def is_elastic(model: JointModel) -> bool:
-    """Whether motor and link of a joint move apart."""
-    return model.chain.gives()
 
 
 def _link(run: MeasuredRun, joint: str) -> np.ndarray:

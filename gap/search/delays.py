@@ -14,7 +14,7 @@ import numpy as np
 
 from ..causes.cause import Cause
 from ..log.parts import FIT_A, FIT_B
-from ..replay.driven import DrivenProblem, is_elastic
+from ..replay.driven import DrivenProblem
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
 from .fit import Fit
@@ -29,7 +29,7 @@ MOST_STEPS = 40  # of a sample each, from where a fit ended
 
 def at_samples(problem: Problem) -> bool:
     """Whether what is judged follows commands at the samples only: a motor that moves as its link was measured to."""
-    return isinstance(problem, DrivenProblem) and not any(is_elastic(model) for model in problem.models)
+    return isinstance(problem, DrivenProblem) and not any(model.chain.gives() for model in problem.models)
 
 
 def with_centred_times(problem: Problem, parameters: Sequence[Parameter], found: Fit) -> Fit:
