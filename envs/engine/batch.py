@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from ...actuators import load_chain
 from ...actuators.engine import install
 from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
@@ -99,10 +100,11 @@ class BatchEngine:
         self.fitted = {key: value for key, value in vars(task).items() if value != getattr(given, key)}
         self.task, self.num_envs = task, num_envs
         self.numbers = task.robot.parameters(params)
+        chains = {name: load_chain(source) for name, source in task.robot.chains_for(actuator).items()}
+        check_position_goals(task.robot, chains, "a task gives", task.takes_speeds)
         robot = with_contacts(task.robot, task.sees)
-        self.drivetrain = robot.drivetrain(actuator, params)
+        self.drivetrain = robot.drivetrain(chains, params)
         self.chains = self.drivetrain.chains
-        check_position_goals(task.robot, self.chains, "a task gives", task.takes_speeds)
         self.randomization = Randomization(
             self.drivetrain,
             randomization,

@@ -1,4 +1,4 @@
-"""Tasks and servos give position goals: a chain whose command is a torque is refused where one of them is built."""
+"""Tasks and servos give position goals, and speeds to wheels: a chain of another command is refused where one is built."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str, 
         speeds: whether a chain may be told a speed.
 
     Raises:
-        RobotError: a chain takes torques, or speeds that are not given.
+        RobotError: a chain takes torques, speeds that are not given, or other goals than the one in the robot's file.
     """
     turning = [name for name, chain in chains.items() if chain.command == "goal_velocity"]
     if turning and not speeds:
@@ -32,6 +32,7 @@ def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str, 
         )
     driven = [name for name, chain in chains.items() if chain.command == "torque_command"]
     if not driven:
+        _check_wheels(robot, chains)
         return
     force = "force [N]" if robot.unit(driven[0]) == "m" else "torque [N.m]"
     which = f"the chains of joints {', '.join(driven)} take"
@@ -42,6 +43,18 @@ def check_position_goals(robot: Robot, chains: Mapping[str, Chain], there: str, 
         "chain with a position controller, such as ideal or a servo of the library, in the robot's file or as "
         "actuator=: what torques drive can be diagnosed, but not trained or deployed here."
     )
+
+
+def _check_wheels(robot: Robot, chains: Mapping[str, Chain]) -> None:
+    """Refuse speeds where the ranges of the robot's file are of positions, and the other way round."""
+    for joint in () if robot.file is None else robot.file.joints:
+        told = chains[joint.name].command == "goal_velocity"
+        if told != joint.by_speed:
+            here, there = ("speeds", "positions") if told else ("positions", "speeds")
+            raise RobotError(
+                f"robot '{robot.name}': the chain of joint {joint.name} is told {here}, and the one in the robot's file "
+                f"{there}: change it there."
+            )
 
 
 def torque_driven(chains: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:

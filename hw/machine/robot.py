@@ -82,7 +82,7 @@ class ServoRobot:
 
         Raises:
             CalibrationError: two joints have one id, or a joint has a range that its servo or the robot cannot reach.
-            RobotError: a chain takes torques, which no servo is sent.
+            RobotError: a chain takes torques, which no servo is sent, or other goals than the robot's file says.
         """
         self.robot, self.params, self.servo, self.joints = robot, dict(params), servo, tuple(joints)
         self.belief, self.registers = dict(belief), dict(registers or {})
@@ -90,7 +90,6 @@ class ServoRobot:
         check_position_goals(robot, self.chains, "a servo takes")
         check_joints(self.joints, robot, servo, self.params, port)
         self.turning = np.array([joint.turning for joint in self.joints], bool)
-        self._check_wheels()
         self.ids = [joint.address for joint in self.joints]
         self.turning_ids = [joint.address for joint in self.joints if joint.turning]
         self.sensors = tuple(sensors)
@@ -118,17 +117,6 @@ class ServoRobot:
         self.units = [units[item.terms[0][0]] for item in robot.coordinates]
         self.imu = robot.imu
         self.log_base = [*self.base_names, *(COLUMNS if robot.imu is not None else ())]
-
-    def _check_wheels(self) -> None:
-        """Refuse chains that take another kind of goals than the robot's file says."""
-        for joint in self.joints:
-            told = self.chains[joint.name].command == "goal_velocity"
-            if told != joint.turning:
-                here, there = ("speeds", "positions") if told else ("positions", "speeds")
-                raise SealegsError(
-                    f"the chain of joint {joint.name} is told {here}, and the one in the robot's file {there}: change "
-                    "it there."
-                )
 
     # --- units -------------------------------------------------------------------------------------------------
 

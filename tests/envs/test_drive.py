@@ -96,6 +96,13 @@ def test_tasks_of_positions_and_robots_without_wheels_are_refused_in_a_sentence(
         sealegs.make_env("drive", robot="quadruped")
 
 
+@pytest.mark.parametrize("chain", ["ideal", "sts3215"])
+def test_a_wheel_that_a_chain_of_positions_drives_is_refused_before_its_step_is_looked_at(chain: str) -> None:
+    for task in ("drive", "reach"):
+        with pytest.raises(SealegsError, match="joint left_wheel is told positions, and the one in .* file speeds"):
+            sealegs.make_env(task, robot="rover", actuator=chain)
+
+
 def test_goals_beyond_the_servo_stop_at_its_speed_without_load() -> None:
     engine, mean = driven(1, forward=1.0, turn=0.0)
     assert 0.15 < mean[0, 0] < 0.04 * 5.6
