@@ -52,8 +52,8 @@ class Contract:
         goals_per_action: goals in the time of an action: the policy is asked ``control_rate`` times this often.
         delay: from a reading to the goal that follows from it, fixed [s].
         observation_names: name and unit of each element of the observation, in order.
-        sensors: encoders beside those of the servos that the observation needs: ``<joint>.link``, or quantities of
-            :mod:`sealegs.envs.engine.base`.
+        sensors: what the observation needs beside the servos' encoders: ``<joint>.link``, quantities of
+            :mod:`sealegs.envs.engine.base`, or contact switches, ``switch.<name>``.
         history: observations that the policy sees at once, the newest last; an earlier action is an element of its own.
         commands: numbers that the task asks for.
         state: of the policy at the start: goals given so far, the latest action and the one before, the memory of the
@@ -306,21 +306,24 @@ def needed_sensors(task: Task, numbers: Mapping[str, float], chains: Mapping[str
         name for name in layout.names if name not in {joint for item in robot.coordinates for joint, _ in item.terms}
     ]
     links = [f"{name}.link" for name in driven if any(chains[name].find(stage) for stage in SPRUNG)]
+    switched = [switch.column for switch in (robot.imu.switches if robot.imu is not None else ())]
 
     def seen(moved: str | None) -> np.ndarray:
         random = np.random.default_rng(0)
         values = {name: random.normal(0.0, 0.3, 64) + 0.4 * (name == moved) for name in layout.names}
         rates = {name: random.normal(0.0, 0.3, 64) + 0.4 * (name == moved) for name in layout.names}
         motion = random_motion(task, numbers, random, 64)
+        switches = motion.switches.copy()
+        switches[:, [name == moved for name in switched]] += 0.4
         link = np.stack([motion.link[:, k] + 0.4 * (f"{name}.link" == moved) for k, name in enumerate(driven)], axis=1)
         speed = link - motion.link + motion.link_speed
         qpos, qvel = layout.qpos(values, 64), layout.qvel(values, rates, 64)
         with np.errstate(invalid="ignore"):
-            parts = task.observe(replace(motion, qpos=qpos, qvel=qvel, link=link, link_speed=speed))
+            parts = task.observe(replace(motion, qpos=qpos, qvel=qvel, link=link, link_speed=speed, switches=switches))
         return np.concatenate([np.reshape(part, (64, -1)) for part in parts], axis=1)
 
     before = seen(None)
-    return tuple(name for name in (*links, *base) if not np.array_equal(seen(name), before, equal_nan=True))
+    return tuple(name for name in (*links, *base, *switched) if not np.array_equal(seen(name), before, equal_nan=True))
 
 
 def random_motion(task: Task, numbers: Mapping[str, float], random: np.random.Generator, rows: int) -> Motion:
@@ -337,7 +340,7 @@ def random_motion(task: Task, numbers: Mapping[str, float], random: np.random.Ge
         reading_speed=draw(k), torque=draw(k), motor_speed=draw(k), action=draw(actions),
         previous_action=draw(actions), command=draw(task.commands(np.zeros((1, task.draws))).shape[1]), time=draw(),
         numbers=numbers, memory=draw(memory), power=draw(), qpos_rate=draw(layout.nq),
-        base=layout.base,
+        base=layout.base, switches=draw(len(task.robot.imu.switches) if task.robot.imu is not None else 0),
     )  # fmt: skip
 
 

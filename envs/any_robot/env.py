@@ -147,8 +147,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     there. The joints follow by the derivatives of the feet in the stance. At command 0 it stands.
 
     ## Observation Space
-    The observation space is a `Box(-Inf, Inf, (9 + 4 k,), float32)`, or two more with a gait: what servos and an IMU
-    measure. The speed over the ground is not in it.
+    The observation space is a `Box(-Inf, Inf, (9 + 4 k,), float32)`, two more with a gait, and one for each contact switch
+    with `switches`: what servos and an IMU measure. The speed over the ground is not in it.
 
     | Num          | Observation   | Source                                                     | Unit              |
     |--------------|---------------|------------------------------------------------------------|-------------------|
@@ -160,6 +160,7 @@ class WalkEnv(SingleEnv, task=WalkTask):
     | 9+2k to 8+3k | last action   | memory                                                     | -                 |
     | 9+3k to 8+4k | action before | memory                                                     | -                 |
     | 9+4k, 10+4k  | clock         | sine and cosine of the gait's phase, with `cadence` above 0 | -                |
+    | the last     | contact switches | 1 where one of the robot's file is closed, else 0       | -                 |
 
     ## Rewards
     The reward is the sum of these terms; `info` holds each, and the flags `net_out_of_range` and `unstable` (see

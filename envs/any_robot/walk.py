@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ...actuators import Drivetrain
+from ...common.errors import SealegsError
 from ..engine.robot import Robot
 from ..engine.task import Motion, option
 from ..robots import get_robot
@@ -53,6 +54,7 @@ class WalkTask(Commanded):
     healthy_tilt: float = option(0.7, "see Termination", "rad")
     healthy_height: float = option(0.5, "see Termination")
     start_noise: float = 0.05
+    switches: bool = option(False, "whether contact switches of the robot are observed")
 
     robot = get_robot("quadruped")
     ranges = ("forward", "sideways", "turn")
@@ -64,6 +66,11 @@ class WalkTask(Commanded):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.switches and not self._switched():
+            raise SealegsError(
+                f"robot '{self.robot.name}' has no contact switches to observe (switches=true): name them in its file, "
+                "such as imu: {switches: {fl_foot: {body: <its foot>}}}."
+            )
         type(self).standing_of()
 
     @classmethod
@@ -137,7 +144,12 @@ class WalkTask(Commanded):
             *self.named(("motor reading from the stance", "{unit}"), ("motor speed", "{unit}/s")),
             *self.named(("last action", "-"), ("action before", "-")),
             *(("sine of the clock", "cosine of the clock") if self.cadence > 0.0 else ()),
+            *(f"contact switch {name} [-]" for name in (self._switched() if self.switches else ())),
         )
+
+    def _switched(self) -> tuple[str, ...]:
+        """Names of the robot's contact switches."""
+        return () if self.robot.imu is None else tuple(switch.name for switch in self.robot.imu.switches)
 
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion
@@ -146,7 +158,7 @@ class WalkTask(Commanded):
         if self.cadence > 0.0:
             phase = 2.0 * np.pi * (self.cadence * m.time % 1.0)
             parts = (*parts, np.sin(phase), np.cos(phase))
-        return parts
+        return (*parts, m.switches) if self.switches else parts
 
     def _upright(self, motion: Motion) -> np.ndarray:
         """Cosine of the tilt of the base from the stance (n,)."""

@@ -85,6 +85,7 @@ class ImuEntry:
         fallen: tilt from where the robot starts, at which a run ends [rad]; None: none.
         silent: time without a sample at which a run ends [s], and two cycles at least.
         part: how a computer reads it: ``name`` and what that needs, such as ``port``.
+        switches: contact switches that its samples hold, by name; see :class:`SwitchEntry`.
     """
 
     site: str | None = None
@@ -97,6 +98,22 @@ class ImuEntry:
     fallen: Positive | None = 1.0
     silent: Positive = 0.1
     part: dict[str, Any] = field(default_factory=dict)
+    switches: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SwitchEntry:
+    """A contact switch on the IMU's board.
+
+    Attributes:
+        body, geom, site: of the model, one of them: what is pressed; a site counts contacts within its own shape.
+        threshold: force above which it is closed [N]; assumed.
+    """
+
+    body: str | None = None
+    geom: str | None = None
+    site: str | None = None
+    threshold: Positive = 1.0
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from ..engine.imu import Imu, Spread
 from ..engine.model_poses import stand
 from ..engine.numbers import RobotError
 from ..engine.robot import Robot
-from .robot_entries import ImuEntry
+from ..engine.switches import KINDS, Kind, Switch
+from .robot_entries import ImuEntry, SwitchEntry
 
 NAMED_IMU = re.compile(r"(?:^|[\W_])imu(?:$|[\W_\d])", re.IGNORECASE)
 """Names of sites and bodies that are an IMU."""
@@ -63,8 +64,39 @@ def read_imu(document: Mapping[str, Any], robot: Robot) -> Imu:
     upright = standing[place[0] + 3 : place[0] + 7]
     return Imu(
         layout.base_name, mount=tuple(mount.tolist()), upright=tuple(upright.tolist()), rate=entry.rate,
-        delay=entry.delay, noise=noise, bias=bias, fallen=entry.fallen, silent=entry.silent, said=said,
+        delay=entry.delay, noise=noise, bias=bias, fallen=entry.fallen, silent=entry.silent,
+        switches=tuple(_switch(str(name), row, model) for name, row in entry.switches.items()), said=said,
     )  # fmt: skip
+
+
+def _switch(name: str, row: Any, model: mujoco.MjModel) -> Switch:
+    """A contact switch.
+
+    Raises:
+        SealegsError: its name is no word, or the model has no such place, or nothing there that touches.
+    """
+    where = f"imu.switches.{name}"
+    if not name.isidentifier():
+        raise RobotError(f"{where}: the name of a switch is letters, digits and _, such as fl_foot.")
+    entry = checked_fields(where, row, SwitchEntry)
+    given: list[tuple[Kind, str]] = [(kind, place) for kind in KINDS if (place := getattr(entry, kind)) is not None]
+    if len(given) != 1:
+        raise RobotError(f"{where} needs one place: body, geom or site; it has {len(given)}.")
+    kind, place = given[0]
+    if place not in (known := _names(model, kind)):
+        raise RobotError(f"{where}.{kind}: the model has no {kind} '{place}'{nearest(place, known)}.")
+    number = known.index(place)
+    body = number if kind == "body" else int((model.geom_bodyid if kind == "geom" else model.site_bodyid)[number])
+    geoms = [number] if kind == "geom" else np.flatnonzero(model.geom_bodyid == body)
+    if not any(model.geom_contype[k] or model.geom_conaffinity[k] for k in geoms):
+        raise RobotError(f"{where}.{kind}: {place} has no shape that touches anything, so the switch never closes.")
+    return Switch(name, kind, place, entry.threshold)
+
+
+def _names(model: mujoco.MjModel, kind: str) -> list[str]:
+    """Names of the bodies, geoms or sites of a model by number."""
+    count = {"body": model.nbody, "geom": model.ngeom, "site": model.nsite}[kind]
+    return [getattr(model, kind)(k).name for k in range(count)]
 
 
 def seat_of_imu(robot: Robot) -> dict[str, str]:
@@ -101,7 +133,7 @@ def _seat(entry: ImuEntry, model: mujoco.MjModel, root: int) -> tuple[int, np.nd
     mujoco.mj_kinematics(model, data)
     base = turns.inverse(np.array(data.xquat[root]))
     if entry.site is not None:
-        sites = [model.site(k).name for k in range(model.nsite)]
+        sites = _names(model, "site")
         if entry.site not in sites:
             raise RobotError(f"imu.site: the model has no site '{entry.site}'{nearest(entry.site, sites)}.")
         number, turn = model.site(entry.site).id, np.zeros(4)
@@ -109,7 +141,7 @@ def _seat(entry: ImuEntry, model: mujoco.MjModel, root: int) -> tuple[int, np.nd
         return int(model.site_bodyid[number]), turns.multiply(base, turn)
     if entry.body is None:
         return root, np.array([1.0, 0.0, 0.0, 0.0])
-    bodies = [model.body(k).name for k in range(1, model.nbody)]
+    bodies = _names(model, "body")[1:]
     if entry.body not in bodies:
         raise RobotError(f"imu.body: the model has no body '{entry.body}'{nearest(entry.body, bodies)}.")
     number = model.body(entry.body).id

@@ -153,11 +153,16 @@ def check_values(kind: type[Task], values: Mapping[str, Any]) -> None:
     """Make sure that values of a task's numbers, by name, are such.
 
     Raises:
-        SealegsError: one is no number, or no range where that is taken.
+        SealegsError: one is no number, range, or true or false, where that is taken.
     """
     unset = [item.name for item in dataclasses.fields(kind) if item.default is None]
+    switches = [item.name for item in dataclasses.fields(kind) if isinstance(item.default, bool)]
     for name, value in values.items():
         if value is None and name in unset:
+            continue
+        if name in switches:
+            if not isinstance(value, bool):
+                raise SealegsError(f"{name} takes true or false, not {value!r}.")
             continue
         pair = name in kind.ranges and isinstance(value, list | tuple) and len(value) == 2
         numbers: list[Any] = [*value] if pair and value is not None else [value]

@@ -130,9 +130,8 @@ class BatchEngine:
         self._programs: np.ndarray | None = None
         self._followers, self._loops = in_turn(model), Loops.of(self.drivetrain)
         self._base = BaseLayout.of_model(model, range(model.njnt)).base
-        self._imu: ImuHistory | None = None
-        if task.robot.imu is not None and self._base is not None:
-            self._imu = ImuHistory(task.robot.imu, num_envs, self._base, self.substeps, model.opt.timestep)
+        imu, base = task.robot.imu, self._base
+        self._imu = None if imu is None or base is None else ImuHistory(imu, self.batch, base, self.substeps)
         names = [item.name for item in self.drivetrain.coordinates]
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
@@ -246,9 +245,9 @@ class BatchEngine:
             stand_on_slope(turn, qpos[:, self._base[0] : self._base[0] + 7])
         self._command[chosen] = self.task.commands(random[:, :task_draws])
         self._qpos[chosen], self._qvel[chosen], self._ctrl[chosen] = qpos, qvel, goals
-        if self._imu is not None:
-            self._imu.begin(chosen, random[:, draws], self._qpos, self._qvel)
         self.batch.forward(chosen)  # the chains' memories start at these goals
+        if self._imu is not None:
+            self._imu.begin(chosen, random[:, draws])
         self.steps[chosen] = 0
         self.world.start(chosen)
         if self._generated is not None:
@@ -340,7 +339,7 @@ class BatchEngine:
         if self._imu is None:
             self.batch.step(nstep=steps)
         else:
-            self._imu.carry(lambda part: self.batch.step(nstep=part), steps, self._qpos, self._qvel)
+            self._imu.carry(steps)
 
     def _send(self, goals: np.ndarray) -> None:
         """Simulate a control step in which the servos get goals (n, k), in time and all of them or not."""
@@ -398,6 +397,7 @@ class BatchEngine:
             duty=np.ascontiguousarray(self._userdata[:, self._duties]),
             world=self.world,
             base=self._base,
+            switches=np.empty((self.num_envs, 0)) if self._imu is None else self._imu.closed(),
             **(self._generated.motion() if self._generated is not None else {}),
         )
 
@@ -408,11 +408,9 @@ class BatchEngine:
         return self.disturbances.readings(self.steps, np.stack(columns, axis=1), self._reading_before)
 
     def _observation(self, motion: Motion) -> np.ndarray:
-        qpos, qvel = motion.qpos, motion.qvel
-        if self._imu is not None:
-            qpos, qvel = self._imu.seen(motion.time, qpos, qvel)
-        qpos, qvel = self.disturbances.base(self.steps, qpos, qvel)
-        parts = self.task.observe(replace(motion, qpos=qpos, qvel=qvel))
+        seen = motion if self._imu is None else replace(motion, **self._imu.seen(motion.time))
+        qpos, qvel = self.disturbances.base(self.steps, seen.qpos, seen.qvel)
+        parts = self.task.observe(replace(seen, qpos=qpos, qvel=qvel))
         if not self._sound:
             check_observation(self.task, parts, self.num_envs, self.observation_size)
         observation = np.empty((self.num_envs, self.observation_size), np.float32)

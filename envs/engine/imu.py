@@ -7,13 +7,15 @@ of the IMU (its key) and that of the sample alone, so batches of any size draw t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from mujoco.batch import Batch
 
 from . import keyed, turns
+from .switches import Switch, Switches
 
 GIVES = ("roll", "pitch", "yaw")
 """Quantities of the free joint (:mod:`sealegs.envs.engine.base`) that the IMU measures, and their rates."""
@@ -50,6 +52,7 @@ class Imu:
         bias: of each IMU, the same in all its samples.
         fallen: tilt from upright at which a run ends [rad]; None: none.
         silent: time without a sample at which a run ends [s], and two cycles at least.
+        switches: contact switches on its board, which its samples hold too.
         said: all of it as the robot's file may say it, for who builds it again.
     """
 
@@ -62,6 +65,7 @@ class Imu:
     bias: Spread = Spread(0.01, 0.005)
     fallen: float | None = 1.0
     silent: float = 0.1
+    switches: tuple[Switch, ...] = ()
     said: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     @property
@@ -71,8 +75,13 @@ class Imu:
 
     @property
     def gives(self) -> tuple[str, ...]:
-        """Quantities of the base that it measures."""
-        return tuple(f"{self.joint}.{key}" for key in GIVES)
+        """Quantities of the base that it measures, and its switches."""
+        return (*(f"{self.joint}.{key}" for key in GIVES), *(switch.column for switch in self.switches))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of ``base.*`` in a log."""
+        return (*COLUMNS, *(switch.column for switch in self.switches))
 
     def sample_at(self, time: np.ndarray, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Number (...) of the newest sample that a host has at ``time`` [s], and when it was taken [s].
@@ -121,46 +130,51 @@ class Imu:
 class ImuHistory:
     """What the IMUs of n simulations have to say, while the simulations go on in whole control steps."""
 
-    def __init__(self, imu: Imu, count: int, places: tuple[int, int], substeps: int, timestep: float) -> None:
-        """Prepare for ``count`` simulations.
+    def __init__(self, imu: Imu, batch: Batch, places: tuple[int, int], substeps: int) -> None:
+        """Prepare.
 
         Args:
-            imu: on each of them.
-            count: simulations.
+            imu: on each of the simulations.
+            batch: the simulations.
             places: addresses of the free joint in ``qpos`` and ``qvel``.
             substeps: steps of the simulation in a control step.
-            timestep: [s].
         """
-        self.imu, self._places, self._dt = imu, places, substeps * timestep
+        timestep, count = batch.model.opt.timestep, batch.nsim
+        self.imu, self._batch, self._places = imu, batch, places
+        self._qpos, self._qvel, self._sensors = (batch.bind(name) for name in ("qpos", "qvel", "sensordata"))
+        self._switches = Switches(batch.model, imu.switches)
         fitting = [k for k in range(1, substeps + 1) if substeps % k == 0 and k * timestep * imu.rate <= 1.0 + 1e-9]
         self._every = max(fitting, default=1)
         self._spacing = self._every * timestep
         length = math.ceil((imu.delay + 1.0 / imu.rate) / self._spacing + 1e-6) + 2
-        self._states = np.zeros((length, count, 7))
+        self._states = np.zeros((length, count, 7 + len(imu.switches)))
         self._head, self._since = 0, 0
         self.keys = np.zeros(count, np.uint64)
 
-    def begin(self, chosen: np.ndarray, uniform: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def begin(self, chosen: np.ndarray, uniform: np.ndarray) -> None:
         """New episodes in some simulations, which stood as they stand; ``uniform`` (m,) draws their IMUs."""
         self.keys[chosen] = keyed.key_of(uniform)
-        self._states[:, chosen] = self._state(qpos[chosen], qvel[chosen])
+        self._states[:, chosen] = self._state()[chosen]
 
-    def carry(self, step: Callable[[int], None], steps: int, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """Go on by ``steps``; ``step`` simulates a number of steps, after which ``qpos`` and ``qvel`` are new."""
+    def carry(self, steps: int) -> None:
+        """Simulate ``steps``."""
         while steps > 0:
             part = min(steps, self._every - self._since)
-            step(part)
+            self._batch.step(nstep=part)
             steps, self._since = steps - part, (self._since + part) % self._every
             if self._since == 0:
                 self._head = (self._head + 1) % len(self._states)
-                self._states[self._head] = self._state(qpos, qvel)
+                self._states[self._head] = self._state()
 
-    def seen(self, time: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``qpos`` and ``qvel`` with the turn of the base as it is measured at the end of a control step.
+    def closed(self) -> np.ndarray:
+        """1 where a switch is closed now, else 0 (n, s)."""
+        return self._switches.closed(self._sensors)
+
+    def seen(self, time: np.ndarray) -> dict[str, np.ndarray]:
+        """Fields of the motion, with turn of the base and switches as measured at the end of a control step.
 
         Args:
             time: since the episodes started (n,) [s].
-            qpos, qvel: true.
         """
         number, taken = self.imu.sample_at(time, self.keys)
         back = (time - taken) / self._spacing
@@ -169,13 +183,14 @@ class ImuHistory:
         newer, older = (self._states[(self._head - whole - k) % length, rows] for k in (0, 1))
         share = (back - whole)[:, None]
         orientation = turns.between(newer[:, :4], older[:, :4], share)
-        turn_rate = (1.0 - share) * newer[:, 4:] + share * older[:, 4:]
+        turn_rate = (1.0 - share) * newer[:, 4:7] + share * older[:, 4:7]
         orientation, turn_rate = self.imu.measured(orientation, turn_rate, self.keys, number)
         at, dof = self._places
-        qpos, qvel = qpos.copy(), qvel.copy()
+        qpos, qvel = self._qpos.copy(), self._qvel.copy()
         qpos[:, at + 3 : at + 7], qvel[:, dof + 3 : dof + 6] = orientation, turn_rate
-        return qpos, qvel
+        return {"qpos": qpos, "qvel": qvel, "switches": np.where(share > 1e-6, older, newer)[:, 7:]}
 
-    def _state(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+    def _state(self) -> np.ndarray:
         at, dof = self._places
-        return np.concatenate([qpos[:, at + 3 : at + 7], qvel[:, dof + 3 : dof + 6]], axis=1)
+        turn = self._qpos[:, at + 3 : at + 7], self._qvel[:, dof + 3 : dof + 6]
+        return np.concatenate([*turn, self.closed()], axis=1)

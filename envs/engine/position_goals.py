@@ -1,4 +1,4 @@
-"""Tasks and servos give position goals, and speeds to wheels: a chain of another command is refused where one is built."""
+"""Tasks and servos give position goals, and speeds to wheels: a chain of another command is refused there."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def _check_wheels(robot: Robot, chains: Mapping[str, Chain]) -> None:
         if told != joint.by_speed:
             here, there = ("speeds", "positions") if told else ("positions", "speeds")
             raise RobotError(
-                f"robot '{robot.name}': the chain of joint {joint.name} is told {here}, and the one in the robot's file "
-                f"{there}: change it there."
+                f"robot '{robot.name}': the chain of joint {joint.name} is told {here}, and the one in the robot's "
+                f"file {there}: change it there."
             )
 
 

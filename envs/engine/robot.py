@@ -17,6 +17,7 @@ from ...common.errors import nearest
 from .imu import Imu
 from .model_poses import Pose
 from .numbers import Effect, Number, RobotError
+from .switches import add_switches
 
 if TYPE_CHECKING:
     from ..described.robot_described import RobotFile
@@ -171,7 +172,9 @@ class Robot:
             SealegsError: a wrong parameter or chain.
         """
         values = self.parameters(params)
-        drivetrain = Drivetrain(self.build(values), self.chains_for(actuator), self.coordinates)
+        spec = self.build(values)
+        add_switches(spec, () if self.imu is None else self.imu.switches)
+        drivetrain = Drivetrain(spec, self.chains_for(actuator), self.coordinates)
         self.finish(drivetrain, values)
         return drivetrain
 

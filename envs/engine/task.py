@@ -41,9 +41,10 @@ class Motion:
         duty: share of the supply that the drive gives the motor, -1 to 1 (n, k); 0 of chains without one.
         world: contacts, bodies, sites and sensors, of those words that the task has in ``sees``; not for observations.
         base: where the free joint that carries the robot begins in ``qpos`` and ``qvel``; None: the base is fixed.
+        switches: 1 where a contact switch is closed, else 0 (n, s), in the order of ``robot.imu.switches``.
 
-    What a task observes of the turn of the base (``qpos``, ``qvel``, ``gravity``, ``turn_rate``, ``orientation``) is as
-    the robot's IMU measures it, where it has one; rewards and failures are judged by the truth.
+    What a task observes of the turn of the base (``qpos``, ``qvel``, ``gravity``, ``turn_rate``, ``orientation``) and
+    of ``switches`` is as the robot's IMU measures it, where it has one; rewards and failures are judged by the truth.
     """
 
     qpos: np.ndarray
@@ -65,6 +66,7 @@ class Motion:
     duty: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     world: World = NO_WORLD
     base: tuple[int, int] | None = None
+    switches: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def orientation(self) -> np.ndarray:

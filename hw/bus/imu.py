@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import monotonic
 from typing import Protocol
 
@@ -27,11 +27,13 @@ class ImuSample:
         time: clock of the host as it came [s].
         orientation: quaternion of the IMU in a world whose z axis points up (4,).
         turn_rate: about the IMU's axes (3,) [rad/s].
+        switches: 1 where a contact switch on its board is closed, else 0 (s,).
     """
 
     time: float
     orientation: np.ndarray
     turn_rate: np.ndarray
+    switches: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class ImuSource(Protocol):
@@ -70,8 +72,8 @@ class ThreadedImu(ABC):
             raise ImuError(f"the IMU {name} gave no sample in {FIRST:g} s{self._why()}.")
 
     @abstractmethod
-    def read(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Wait for a sample: orientation (4,) and turn rate (3,) [rad/s]; None: there was none this time.
+    def read(self) -> tuple[np.ndarray, ...] | None:
+        """Wait for a sample: orientation (4,), turn rate (3,) [rad/s], switches (s,) if any; None: none this time.
 
         Raises:
             OSError: the part is gone.

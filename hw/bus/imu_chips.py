@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any
@@ -15,7 +15,7 @@ from ...common.extras import needed_for
 from ...configs.check import Count, Natural, checked_fields
 from .imu import ImuError, ImuSource, ThreadedImu
 from .imu_fusion import Tilt
-from .imu_line import PLAIN, LineFormat, LineImu
+from .imu_line import LineFormat, LineImu, plain
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,12 @@ class ChipPart:
 
 @dataclass(frozen=True)
 class SerialPart:
-    """``imu.part`` of an IMU that sends lines; see :mod:`sealegs.hw.bus.imu_line`."""
+    """``imu.part`` of an IMU that sends lines, see :mod:`sealegs.hw.bus.imu_line`; ``line`` None: the plain one."""
 
     name: str
     port: str | None = None
     baudrate: Count = 115_200
-    line: str = PLAIN
+    line: str | None = None
 
 
 class ChipImu(ThreadedImu):
@@ -127,8 +127,12 @@ class ChipImu(ThreadedImu):
         self._bus.deinit()
 
 
-def checked_part(document: Mapping[str, Any]) -> ChipPart | SerialPart:
+def checked_part(document: Mapping[str, Any], switches: Sequence[str] = ()) -> ChipPart | SerialPart:
     """``imu.part`` of a robot's file.
+
+    Args:
+        document: it.
+        switches: names of contact switches on the same board.
 
     Raises:
         SealegsError: the part is unknown, or lacks something.
@@ -138,27 +142,33 @@ def checked_part(document: Mapping[str, Any]) -> ChipPart | SerialPart:
         what = "is missing" if name is None else f"is {name!r}{nearest(str(name), PARTS)}"
         raise SealegsError(f"imu.part.name {what}: how the IMU is read; it may be {', '.join(PARTS)}.")
     if name != "serial":
+        if switches:
+            raise SealegsError(
+                f"imu.switches: a {name} has no contact switches; let a microcontroller send them in lines with what "
+                "the IMU says (imu.part.name=serial)."
+            )
         return checked_fields("imu.part", dict(document), ChipPart)
     part = checked_fields("imu.part", dict(document), SerialPart)
-    LineFormat.read(part.line)
+    LineFormat.read(plain(switches) if part.line is None else part.line, switches)
     return part
 
 
-def open_imu(document: Mapping[str, Any], rate: float) -> ImuSource:
+def open_imu(document: Mapping[str, Any], rate: float, switches: Sequence[str] = ()) -> ImuSource:
     """The part that ``imu.part`` names, read from now on.
 
     Args:
         document: ``imu.part``.
         rate: samples per second [Hz].
+        switches: names of contact switches on the same board.
 
     Raises:
         SealegsError: as :func:`checked_part`, or it cannot be read.
     """
-    part = checked_part(document)
+    part = checked_part(document, switches)
     if isinstance(part, ChipPart):
         return ChipImu(part, rate)
     if part.port is None:
         raise SealegsError(
             "imu.part.port is missing: the serial port of the IMU, such as robot.imu.part.port=/dev/ttyACM0."
         )
-    return LineImu(part.port, part.baudrate, part.line, rate)
+    return LineImu(part.port, part.baudrate, part.line or plain(switches), rate, switches)

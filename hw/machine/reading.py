@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,12 +18,14 @@ class BaseTurn:
         orientation: of the base in a world whose z axis points up, a quaternion, w first (4,).
         turn_rate: about the axes of the base (3,) [rad/s].
         fresh: whether the reading before had an older sample.
+        switches: 1 where a contact switch is closed, else 0 (s,).
     """
 
     time: float
     orientation: np.ndarray
     turn_rate: np.ndarray
     fresh: bool = True
+    switches: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)

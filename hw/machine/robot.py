@@ -15,9 +15,10 @@ from ...configs.check import checked
 from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ...envs.described.robot_imu import with_imu
 from ...envs.engine.base import BaseLayout
-from ...envs.engine.imu import COLUMNS, GIVES
+from ...envs.engine.imu import GIVES
 from ...envs.engine.position_goals import check_position_goals, torque_driven
 from ...envs.engine.robot import Robot
+from ...envs.engine.switches import PREFIX
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
 from ..bus.imu import ImuSample
@@ -116,7 +117,7 @@ class ServoRobot:
         units = BaseLayout(robot, self.params).units
         self.units = [units[item.terms[0][0]] for item in robot.coordinates]
         self.imu = robot.imu
-        self.log_base = [*self.base_names, *(COLUMNS if robot.imu is not None else ())]
+        self.log_base = [*self.base_names, *(robot.imu.columns if robot.imu is not None else ())]
 
     # --- units -------------------------------------------------------------------------------------------------
 
@@ -167,7 +168,7 @@ class ServoRobot:
         if self.imu is None or sample is None:
             return None
         fresh = last is None or sample.time > last.time
-        return BaseTurn(sample.time, *self.imu.of_base(sample.orientation, sample.turn_rate), fresh)
+        return BaseTurn(sample.time, *self.imu.of_base(sample.orientation, sample.turn_rate), fresh, sample.switches)
 
     def fresh(self, reading: Reading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which joints (k,), far sides of springs (k,) and quantities of the base (b,) were read at its time."""
@@ -234,6 +235,12 @@ class ServoRobot:
                 f"the policy does not fit the robot: it was trained with torques as commands of {', '.join(driven)}, "
                 "which a servo would take for positions; train it again, with a position controller in each chain."
             )
+        mounted = [*(sensor.name for sensor in self.sensors), *(self.imu.gives if self.imu is not None else ())]
+        if missing := [name for name in contract.sensors if name not in mounted]:
+            raise ContractError(
+                f"the policy does not fit the robot: it needs the sensors {', '.join(missing)}, which the robot lacks; "
+                f"{self._mending(missing)}."
+            )
         names = tuple(contract.task_on(robot)[0].observation_names())
         if contract.observation_names != names:
             first = next(
@@ -246,12 +253,6 @@ class ServoRobot:
             lower = ", ".join(f"{kept:g}" for kept in contract.rates[1:])
             remedy = "leave rate= out" + (f", or give one of {lower}" if lower else "")
             refuse(field, f"{contract.goal_rate:g} Hz", f"{rate:g} Hz", remedy)
-        mounted = [*(sensor.name for sensor in self.sensors), *(self.imu.gives if self.imu is not None else ())]
-        if missing := [name for name in contract.sensors if name not in mounted]:
-            raise ContractError(
-                f"the policy does not fit the robot: it needs the sensors {', '.join(missing)}, which the robot lacks; "
-                f"{self._mending(missing)}."
-            )
         for joint, unit in zip(self.joints, self.units, strict=True):
             low, high = contract.goal_limits[joint.name]
             if high < joint.low or low > joint.high:
@@ -272,6 +273,8 @@ class ServoRobot:
 
     def _mending(self, missing: Sequence[str]) -> str:
         """What gives the robot the sensors that it lacks."""
+        if switches := [name.removeprefix(PREFIX) for name in missing if name.startswith(PREFIX)]:
+            return f"name them in its file, such as imu: {{switches: {{{switches[0]}: {{body: <its foot>}}}}}}"
         turns = [name for name in missing if name.rpartition(".")[2] in GIVES]
         others = [name for name in missing if name not in turns]
         encoders = f"mount them and name them under sensors in its file, such as {missing[0]}: {{id: 9}}"

@@ -79,6 +79,7 @@ def opened_port(
     Raises:
         SealegsError: no port is named, or the virtual machine does not start.
     """
+    switches = [] if robot.imu is None else [switch.name for switch in robot.imu.switches]
     if hw["virtual"] is None:
         ports = {line.name: line.port if line.name else port for line in robot.lines}
         for name, path in ports.items():
@@ -87,8 +88,8 @@ def opened_port(
                 raise SealegsError(f"{key}=<path> is missing: name the adapter's port, such as {key}=/dev/ttyUSB0.")
         imu = None
         if robot.imu is not None:
-            checked_part(robot.imu.part)
-            imu = partial(open_imu, robot.imu.part, robot.imu.rate)
+            checked_part(robot.imu.part, switches)
+            imu = partial(open_imu, robot.imu.part, robot.imu.rate, switches)
         yield Opened({name: str(path) for name, path in ports.items()}, imu=imu)
         return
     if port is not None:
@@ -142,7 +143,7 @@ def opened_port(
     with VirtualBus(**known) as bus:
         imu = None
         if robot.imu is not None:
-            imu = partial(open_imu, {"name": "serial", "port": bus.imu_port}, robot.imu.rate)
+            imu = partial(open_imu, {"name": "serial", "port": bus.imu_port}, robot.imu.rate, switches)
         yield Opened({line.name: bus.ports[line.name] for line in robot.lines}, bus.let_go, imu)
 
 

@@ -302,13 +302,15 @@ def write_cycle(
     columns = [values[signal] for signal in log.signals]
     host = (reading.before - zero, reading.after - zero, sent - zero)
     status = state.status[: len(goal)] if state is not None else ()
-    measured = [*np.where(base, reading.base_position, np.nan), *_turn(reading)][: log.base]
+    measured = np.full(log.base, np.nan)
+    found = [*np.where(base, reading.base_position, np.nan), *_turn(reading)][: log.base]
+    measured[: len(found)] = found
     log.write(reading.time - zero, np.stack(columns, axis=1), measured, host, status)
 
 
 def _turn(reading: Reading) -> np.ndarray:
-    """Cells of :data:`sealegs.envs.engine.imu.COLUMNS`, NaN where the IMU has said nothing new."""
+    """Cells of :attr:`sealegs.envs.engine.imu.Imu.columns`; NaN, or none, where the IMU has said nothing new."""
     turn = reading.imu
     if turn is None or not turn.fresh:
         return np.full(len(COLUMNS), np.nan)
-    return np.array([*turn.orientation, *turn.turn_rate, reading.time - turn.time])
+    return np.array([*turn.orientation, *turn.turn_rate, reading.time - turn.time, *turn.switches])

@@ -76,6 +76,7 @@ class Observer:
         self._ahead: np.ndarray | None = None
         self._fresh = robot.fresh
         self._drawn: list[float] = []
+        self._switches = np.zeros((1, 0 if robot.robot.imu is None else len(robot.robot.imu.switches)))
 
     @property
     def action(self) -> np.ndarray:
@@ -134,6 +135,7 @@ class Observer:
             power=np.array([np.mean(self._drawn) if self._drawn else 0.0]),
             qpos_rate=qpos_rate,
             base=self._base.base,
+            switches=self._switches if reading.imu is None else reading.imu.switches[None],
         )
         self._drawn.clear()
         with np.errstate(invalid="ignore"):

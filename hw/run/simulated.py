@@ -15,6 +15,7 @@ import numpy as np
 
 from ...common.errors import SealegsError
 from ...envs.engine.imu import COLUMNS
+from ...envs.engine.switches import PREFIX
 from ...gap.log import read_measured
 from ..guard.safety import Limits, Safety
 from ..machine.robot import Reading, ServoRobot
@@ -124,7 +125,7 @@ def recorded(path: Path, commands: Commands) -> Recording:
 
     history = getattr(commands, "history", [])
     begun = history[0].time - run.time[0] if history else 0.0
-    places = [values for name, values in run.base.items() if name not in COLUMNS]
+    places = [values for name, values in run.base.items() if name not in COLUMNS and not name.startswith(PREFIX)]
     base = np.stack(places, axis=1) if places else np.zeros((len(run.time), 0))
     columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
     columns["velocity"] = velocity_of(run.time, columns["position"])

@@ -59,15 +59,22 @@ class VirtualImu:
         silent: whether it says nothing, as with its cable out.
     """
 
-    def __init__(self, imu: Imu, turn: Callable[[], tuple[np.ndarray, np.ndarray]], seed: int) -> None:
+    def __init__(
+        self,
+        imu: Imu,
+        turn: Callable[[], tuple[np.ndarray, np.ndarray]],
+        seed: int,
+        closed: Callable[[], np.ndarray] = lambda: np.empty(0),
+    ) -> None:
         """Prepare.
 
         Args:
             imu: as it really is.
             turn: of the base: orientation (4,) and turn rate about its axes (3,) [rad/s].
             seed: of its noise, its bias and its clock.
+            closed: 1 where a contact switch on its board is closed, else 0 (s,).
         """
-        self.imu, self.silent, self._turn = imu, False, turn
+        self.imu, self.silent, self._turn, self._closed = imu, False, turn, closed
         self._key = key_of(np.random.default_rng([seed, 0x1A0]).random(()))
         number, taken = imu.sample_at(np.asarray(imu.delay), self._key)  # the latest before time 0
         self._number, self._phase = int(number), float(taken) - int(number) / imu.rate
@@ -87,7 +94,7 @@ class VirtualImu:
         self._number += 1
         orientation, turn_rate = self.imu.measured(*self._turn(), self._key, np.asarray(self._number))
         if not self.silent:
-            self._coming.append(ImuSample(at, *self.imu.raw(orientation, turn_rate)))
+            self._coming.append(ImuSample(at, *self.imu.raw(orientation, turn_rate), self._closed()))
 
     def due(self, now: float) -> list[ImuSample]:
         """Samples that have come by ``now`` [s] and were not fetched before."""
@@ -123,5 +130,6 @@ class FetchedImu:
 
 
 def line_of(sample: ImuSample) -> bytes:
-    """A sample as it goes over a serial line, in the format :data:`sealegs.hw.bus.imu_line.PLAIN`."""
-    return (", ".join(f"{value:.6f}" for value in (*sample.orientation, *sample.turn_rate)) + "\n").encode()
+    """A sample as it goes over a serial line, in the format of :func:`sealegs.hw.bus.imu_line.plain`."""
+    numbers = [f"{value:.6f}" for value in (*sample.orientation, *sample.turn_rate)]
+    return (", ".join([*numbers, *(f"{value:.0f}" for value in sample.switches)]) + "\n").encode()

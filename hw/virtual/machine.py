@@ -19,6 +19,7 @@ from ...envs.engine.model_loops import Loops
 from ...envs.engine.model_ties import in_turn, place_followers
 from ...envs.engine.position_goals import check_position_goals
 from ...envs.engine.robot import ChainSource, Robot
+from ...envs.engine.switches import Switches
 from .hidden import hide, of_imu
 from .imu import VirtualImu, hidden_imu
 
@@ -137,7 +138,9 @@ class Machine:
         self.imu: VirtualImu | None = None
         self._free = self.layout.base_in(self.model)
         if robot.imu is not None:
-            self.imu = VirtualImu(hidden_imu(robot.imu, of_imu(hidden), str(hidden)), self.base_turn, seed)
+            found = hidden_imu(robot.imu, of_imu(hidden), str(hidden))
+            switches = Switches(self.model, found.switches)
+            self.imu = VirtualImu(found, self.base_turn, seed, lambda: switches.closed(self.data.sensordata))
 
     def _place(self, pose: Mapping[str, float]) -> None:
         for name in pose:

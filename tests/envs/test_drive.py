@@ -99,7 +99,7 @@ def test_tasks_of_positions_and_robots_without_wheels_are_refused_in_a_sentence(
 @pytest.mark.parametrize("chain", ["ideal", "sts3215"])
 def test_a_wheel_that_a_chain_of_positions_drives_is_refused_before_its_step_is_looked_at(chain: str) -> None:
     for task in ("drive", "reach"):
-        with pytest.raises(SealegsError, match="joint left_wheel is told positions, and the one in .* file speeds"):
+        with pytest.raises(SealegsError, match=r"joint left_wheel is told positions, and the one in .* file speeds"):
             sealegs.make_env(task, robot="rover", actuator=chain)
 
 
