@@ -71,7 +71,7 @@ def _should_change(joint: JointContext, values: Array, stretches: Sequence[tuple
     """Whether a column should have left its value in each stretch, by what it does elsewhere.
 
     At constant speed a current is constant, one of coarse steps shows no change for long, and dry friction holds a
-    torque.
+    torque. Of what it should do, the middle eight tenths count: the rest is noise, or smoothed where the stretch ends.
     """
     if not stretches:
         return []
@@ -93,7 +93,7 @@ def _should_change(joint: JointContext, values: Array, stretches: Sequence[tuple
             continue
         said = terms @ np.linalg.lstsq(terms[good], values[good], rcond=None)[0]
         scatter = NORMAL_OVER_MEDIAN * float(np.median(np.abs(values[good] - said[good])))
-        change = float(np.ptp(np.clip(said[a:b], np.nanmin(values), np.nanmax(values))))
+        change = float(np.ptp(np.quantile(np.clip(said[a:b], np.nanmin(values), np.nanmax(values)), (0.1, 0.9))))
         found.append(change > 4.0 * max(quantisation_step(values), scatter))
     return found
 
