@@ -240,6 +240,11 @@ class Chain:
         program[P_STATE_SIZE] = memory
         return program
 
+    def shares_supply(self) -> bool:
+        """Whether its motor draws from a supply that may be one for all drives of a robot."""
+        supply = self.find("supply")
+        return supply is not None and supply.shared > 0.5 and self.find("dc_motor") is not None
+
     def address(self, path: str) -> int:
         """Where a number (``stage.parameter``) that a law reads stands in :meth:`program`."""
         name, key = path.split(".")

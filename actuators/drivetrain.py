@@ -26,6 +26,8 @@ from .layout import (
     P_SCALE,
     P_STATE_ADDRESS,
     P_STATE_SIZE,
+    P_SUPPLY,
+    P_SUPPLY_NEXT,
     P_TERMS,
     P_TICKS,
 )
@@ -177,18 +179,21 @@ class Drivetrain:
                 program[P_OWN_FRICTION] = side.own.frictionloss
             actuator = model.actuator(item.name).id
             model.actuator_user[actuator] = 0.0
-            model.actuator_user[actuator, : len(program)] = program
-            self.spec.actuator(item.name).userdata = program
             self.actuator_ids[item.name] = actuator
             self.state_addresses[item.name] = address
             address += int(program[P_STATE_SIZE])
+        drawing = [item.name for item in self.coordinates if self.chains[item.name].shares_supply()]
+        for name, following in zip(drawing, [*drawing[1:], *drawing[:1]], strict=True):
+            self._programs[name][P_SUPPLY] = self.chains[name].address("supply.resistance")
+            self._programs[name][P_SUPPLY_NEXT] = self.actuator_ids[following]
         for item in self.coordinates:
             if item.pressed_by is not None and item.pressed_by[0] in self.state_addresses:
                 program = self._programs[item.name]
                 program[P_LOAD_STATE] = self.state_addresses[item.pressed_by[0]]
                 program[P_LOAD_FACTOR] = item.pressed_by[1]
-                model.actuator_user[self.actuator_ids[item.name], : len(program)] = program
-                self.spec.actuator(item.name).userdata = program
+        for name, program in self._programs.items():
+            model.actuator_user[self.actuator_ids[name], : len(program)] = program
+            self.spec.actuator(name).userdata = program
 
     # --- reading -----------------------------------------------------------------------------------------------
 
@@ -301,7 +306,7 @@ class Drivetrain:
                 f"{chain.label} has other stages or memory than the chain on '{name}'; build another Drivetrain for it."
             )
         program[P_STATE_ADDRESS : P_FRICTION_ID + 1] = built[P_STATE_ADDRESS : P_FRICTION_ID + 1]
-        for slot in (P_OWN_FRICTION, P_LOAD_STATE, P_LOAD_FACTOR):
+        for slot in (P_OWN_FRICTION, P_LOAD_STATE, P_LOAD_FACTOR, P_SUPPLY, P_SUPPLY_NEXT):
             program[slot] = built[slot]
         rows[simulation, self.actuator_ids[name], : len(program)] = program
         self._set_native(target, batch, simulation, name, chain)

@@ -38,8 +38,14 @@ from .layout import (
     P_QPOS,
     P_SCALE,
     P_STATE_ADDRESS,
+    P_SUPPLY,
+    P_SUPPLY_NEXT,
     P_TERMS,
     P_VISCOUS,
+    S_BESIDE,
+    S_CURRENT,
+    S_DRAWN,
+    S_DUTY,
     S_KNOWN,
     S_LIMIT,
     S_PRESSED,
@@ -174,6 +180,21 @@ def compiled_law() -> Any:
         return total - s[S_TORQUE] - friction - s[S_KNOWN] + p[P_VISCOUS] * speed
 
     @compiled()
+    def drawn_beside(model, data, actuator, width):  # type: ignore[no-untyped-def]
+        """What other motors on the same supply drew as their latest step began [A].
+
+        One after the other, so that steps settle what they take from each other as Gauss and Seidel do.
+        """
+        programs, states = load_address(model + model_user), load_address(data + at_user)
+        drawn, p = 0.0, doubles(programs + 8 * width * actuator)
+        other = int(p[P_SUPPLY_NEXT])
+        while other != actuator:
+            p = doubles(programs + 8 * width * other)
+            drawn += load_double(states + 8 * (int(p[P_STATE_ADDRESS]) + S_DRAWN))
+            other = int(p[P_SUPPLY_NEXT])
+        return drawn
+
+    @compiled()
     def write_row(p, s, stiffness, softness, aim, frictionloss, row):  # type: ignore[no-untyped-def]
         """Give the constraint row of the dry friction what the law says of it."""
         doubles(frictionloss)[row] = s[S_LIMIT] + p[P_OWN_FRICTION]
@@ -219,7 +240,12 @@ def compiled_law() -> Any:
         if p[P_LOAD_FACTOR] != 0.0:
             pressing = load_double(load_address(data + at_user) + 8 * (int(p[P_LOAD_STATE]) + S_REST))
             s[S_PRESSED] = max(p[P_LOAD_FACTOR] * pressing, 0.0)
+        supply, opens = int(p[P_SUPPLY]), stage in (FIRST, RESTART)
+        if opens and supply > 0 and p[supply] > 0.0:
+            s[S_BESIDE] = drawn_beside(model, data, actuator, width)
         force = torque(p, s, time, goal, q, w, known + s[S_REST], first=stage != LATER)
+        if opens:
+            s[S_DRAWN] = max(s[S_DUTY] * s[S_CURRENT], 0.0)
         if row >= 0:
             write_row(
                 p,

@@ -31,7 +31,9 @@ P_VISCOUS = 18  # [N.m.s/rad], native damping; here for replays without an engin
 P_OWN_FRICTION = 19  # dry friction that the model itself gives the joint [N.m], beside the law's
 P_LOAD_STATE = 20  # state of the coordinate whose load presses on this one's transmission, in userdata
 P_LOAD_FACTOR = 21  # that load by its contact torque, 0: the torque through the transmission itself counts
-P_HEADER = 22
+P_SUPPLY = 22  # where the resistance of a supply that others draw from, too, stands in the program; 0: none does
+P_SUPPLY_NEXT = 23  # number of the next actuator that draws from it; the last one's next is the first
+P_HEADER = 24
 
 # state slots
 S_TIME = 0  # start of the current physics step [s]
@@ -53,7 +55,9 @@ S_ROW_INERTIA = 15  # resistance of the friction row to acceleration [kg.m2], 0:
 S_ROW_ACCELERATION = 16  # acceleration at which that row gives no torque [rad/s2]
 S_PRESSED = 17  # load that presses on the transmission, where it is another coordinate's
 S_STEP = 18  # physics step [s], 0 where no engine steps
-S_HEADER = 20
+S_DRAWN = 19  # current that the drive draws from a supply, as its step began [A]
+S_BESIDE = 20  # and what others draw from it [A]
+S_HEADER = 21
 
 DELAY_EVENTS = 64  # goal changes remembered by a delay
 LATENCY_SAMPLES = 32  # positions remembered by an encoder with latency

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..compiled import compiled
-from ..layout import S_DUTY, S_VOLTAGE
+from ..layout import S_BESIDE, S_DUTY, S_VOLTAGE
 from .base import ChainError, Law, Quantity, Stage, parameter, register
 from .parity import EVEN, ODD
 
@@ -132,6 +132,7 @@ class Supply(Stage):
 
     volts: float = parameter(None, "V", 0.0, 1e3, "open-circuit supply voltage", parity=EVEN)
     resistance: float = parameter(0.0, "ohm", 0.0, 1e3, "of battery, wires and bridge together", parity=EVEN)
+    shared: float = parameter(1.0, "-", 0.0, 1.0, "1: all such drives draw from it, 0: this one", parity=EVEN)
 
     def law_values(self, chain: Any) -> dict[str, float]:
         if self.resistance > 0.0:
@@ -143,8 +144,9 @@ SUPPLY = Supply.offsets()
 
 
 @compiled()
-def supplied_voltage(p, i, duty, w):
-    """Motor voltage: duty (volts - resistance duty current), with the current that this very voltage drives.
+def supplied_voltage(p, i, duty, w, beside):
+    """Motor voltage: duty (volts - resistance (beside + duty current)), with the current that this very voltage drives
+    and what others draw ``beside`` it.
 
     A chopping bridge draws ``duty`` times the motor current from the supply, so the sag follows from
     ``R i + k w = duty (V - R_s duty i)``, solved for ``i``.
@@ -152,6 +154,7 @@ def supplied_voltage(p, i, duty, w):
     volts, resistance = p[i + SUPPLY.volts], p[i + SUPPLY.resistance]
     if resistance == 0.0:
         return duty * volts
+    volts -= resistance * beside
     current = (duty * volts - p[i + SUPPLY.back_emf] * w) / (p[i + SUPPLY.motor_resistance] + duty * duty * resistance)
     drawn = max(duty * current, 0.0)  # a supply does not rise by what the motor brakes into it
     return duty * (volts - resistance * drawn)
@@ -161,7 +164,7 @@ def supplied_voltage(p, i, duty, w):
 def bridge_voltage(p, i, s, value, w):
     """Motor voltage at the duty ``value`` [V]."""
     s[S_DUTY] = value
-    voltage = supplied_voltage(p, i, value, w)
+    voltage = supplied_voltage(p, i, value, w, s[S_BESIDE])
     s[S_VOLTAGE] = voltage
     return voltage
 

@@ -5,8 +5,8 @@ six: of all that hangs behind the joint, per kilogram of a payload at the end of
 centre of mass of the joint's own body lies further from the joint, per square of that, per kg.m2 that this body has
 more about the joint's axis, and of springs and weight compensation that the robot's file has. The replay adds the
 blocks up with the numbers of :mod:`sealegs.gap.replay.constants`, so that a fit may turn those without MuJoCo
-(:mod:`sealegs.gap.load.tree` makes the rows). The last column is what the drives of all other joints draw from the
-supply, as logged.
+(:mod:`sealegs.gap.load.tree` makes the rows). The last columns are what the drives of all other joints draw from the
+supply at its full voltage, and how much less of it for each volt that this sags by.
 """
 
 from __future__ import annotations
@@ -36,5 +36,5 @@ T_SIZE = E_SIZE - T_OWN  # columns of a block
     T_PASSIVE,  # springs and the like
     T_BLOCKS,
 ) = range(7)
-T_DRAWN = T_OWN + T_BLOCKS * T_SIZE  # column of what other joints draw [A]
-T_COLUMNS = T_DRAWN + 1
+T_DRAWN = T_OWN + T_BLOCKS * T_SIZE  # columns of what other joints draw [A], and of what a sag takes of it [A/V]
+T_COLUMNS = T_DRAWN + 2

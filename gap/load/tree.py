@@ -141,7 +141,7 @@ def terms_along(model: mujoco.MjModel, joint: int, motion: Motion, sign: float =
         rows.append(spin_block(model, joint, motion))
     else:
         rows += [np.zeros_like(own)] * 4
-    rows += [passive_block(model, joint, motion), np.zeros((len(own), 1))]  # what others draw is no matter of bodies
+    rows += [passive_block(model, joint, motion), np.zeros((len(own), 2))]  # what others draw is no matter of bodies
     table = np.concatenate(rows, axis=1)
     if sign < 0.0:
         for first in range(T_OWN, T_DRAWN, T_SIZE):

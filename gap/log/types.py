@@ -162,6 +162,8 @@ class MeasuredRun:
         source: file the run was read from, None for a run made in memory.
         meta: everything else the sidecar says (``group``, ``units``, ``sample_clock``, ...).
         host: ``host.*`` columns by the name after the dot, each of shape (n,).
+        draws: by joint, what its drive draws from the supply at full voltage, and less of it for each volt that the
+            supply sags by (n, 2) [A, A/V]; nothing until it is worked out (:mod:`sealegs.gap.prepare.draws`).
     """
 
     name: str
@@ -174,6 +176,7 @@ class MeasuredRun:
     source: Path | None = None
     meta: dict[str, Any] = field(default_factory=dict)
     host: dict[str, Array] = field(default_factory=dict)
+    draws: dict[str, Array] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:

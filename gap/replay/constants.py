@@ -35,6 +35,7 @@ class Constants(NamedTuple):
     motor: float = 0.0  # where the motor constant stands in the program; 0: it does not change
     constant: float = 0.0  # motor constant at the reference [N.m/A]
     supply: float = 0.0  # where the volts of the supply stand in the program; 0: it has none, or a stiff one
+    resistance: float = 0.0  # where its resistance stands in the program
     volts: float = 0.0  # of the supply while nothing is drawn [V]
     sag: float = 0.0  # its resistance [ohm]
     tree: float = 0.0  # 1: a hinge, 2: a slide of a robot whose other joints move as measured; its terms are given

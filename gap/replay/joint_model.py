@@ -260,7 +260,8 @@ class JointModel:
                 constant=program[motor] / chain.magnetisation(),
             )
         if (supply := chain.find("supply")) is not None and supply.resistance > 0.0:
-            numbers = numbers._replace(supply=chain.address("supply.volts"), volts=supply.volts, sag=supply.resistance)
+            at, of = (chain.address(f"supply.{key}") for key in ("volts", "resistance"))
+            numbers = numbers._replace(supply=at, resistance=of, volts=supply.volts, sag=supply.resistance)
         numbers = numbers._replace(**self._coupling(numbers), **integral_constants(chain, program))
         return np.array(numbers._replace(**load.along_log(self.axis.slide)), float)
 

@@ -242,13 +242,16 @@ def _replay(acting, advancing, p, k, s, x, e, before, after, terms, time, goal, 
     begin(p, s, time[0], goal[0], q0, w0)
     n = len(time)
     arrival = 0
-    motor, supply = int(k[K.motor]), int(k[K.supply])
+    motor, supply, resistance = int(k[K.motor]), int(k[K.supply]), int(k[K.resistance])
     for j in range(n):
         if motor > 0:
             p[motor] = k[K.constant] * max(1.0 - k[K.loss] * (temperature[j] - k[K.reference]), 0.05)
         if tree:
             if supply > 0:
-                p[supply] = k[K.volts] - k[K.sag] * terms[j, T_DRAWN]
+                # others draw less as they sag: with them, the supply is one of a lower voltage and resistance
+                beside = 1.0 + k[K.sag] * terms[j, T_DRAWN + 1]
+                p[supply] = k[K.volts] - k[K.sag] * terms[j, T_DRAWN] / beside
+                p[resistance] = k[K.sag] / beside
             for c in range(E_SIZE):
                 before[c] = e[c] = after[c]
             if j + 1 < n:

@@ -319,20 +319,15 @@ def terms_of(
     for run, motion in zip(runs, motions or [motion_of(robot, run) for run in runs], strict=True):
         terms = terms_along(robot.model, robot.number(joint), motion, frame.sign, changes=changes)
         terms[:, E_POSITION] = frame.sign * terms[:, E_POSITION] + frame.zero
-        terms[:, T_DRAWN] = drawn_beside(run, joint)
+        terms[:, T_DRAWN:] = drawn_beside(run, joint)
         found.append(terms)
     return found
 
 
 def drawn_beside(run: MeasuredRun, joint: str) -> np.ndarray:
-    """What the drives of all joints but one draw from the supply (n,) [A], where duty and current were logged: a bridge
-    draws its duty times the motor's current, and returns nothing.
-    """
-    drawn = np.zeros(len(run.time))
-    for name, log in run.joints.items():
-        if name != joint and log.duty is not None and log.current is not None:
-            drawn += np.maximum(np.nan_to_num(log.duty * log.current), 0.0)
-    return drawn
+    """What the drives of all joints but one draw from the supply, columns as of ``run.draws`` (n, 2)."""
+    others = [rows for name, rows in run.draws.items() if joint in run.draws and name != joint]
+    return np.sum([np.zeros((len(run.time), 2)), *others], axis=0)
 
 
 def held_terms(

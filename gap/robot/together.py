@@ -32,8 +32,8 @@ Replayed = Callable[[str], Replay | Refused | None]
 """Gives the replay of a joint; None where it has no commands."""
 
 
-def seek_latency(joints: Sequence[str], replayed: Replayed, request: Request) -> Latency | None:
-    """The latency that joints share, from a first look at each; None where there are too few joints, or none.
+def seek_latency(joints: Sequence[str], replayed: Replayed, request: Request) -> FirstLook:
+    """The latency that joints share, from a first look at each; nothing is looked at where there are too few joints.
 
     Args:
         joints: their names.
@@ -41,8 +41,8 @@ def seek_latency(joints: Sequence[str], replayed: Replayed, request: Request) ->
         request: what was asked for.
     """
     if len(joints) < 2 or (request.causes is not None and DELAY not in request.causes):
-        return None
-    return look_at(joints, replayed, request).latency
+        return FirstLook({}, None)
+    return look_at(joints, replayed, request)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,10 @@ class FirstLook:
 
     joints: Mapping[str, Look]
     latency: Latency | None
+
+    def numbers(self) -> dict[str, Mapping[str, float]]:
+        """What was found of each joint, by joint and path."""
+        return {joint: seen.found.values for joint, seen in self.joints.items()}
 
 
 def look_at(joints: Sequence[str], replayed: Replayed, request: Request) -> FirstLook:

@@ -13,7 +13,17 @@ import pytest
 from mujoco.batch import Batch
 from sealegs.actuators import ChainError, DrivenCoordinate, Drivetrain, SealegsError, load_chain
 from sealegs.actuators.engine import install, installed
-from sealegs.actuators.layout import S_LIMIT, S_LOAD, S_OUT_OF_RANGE, S_STAGE, S_TIME, S_TORQUE
+from sealegs.actuators.layout import (
+    S_CURRENT,
+    S_DUTY,
+    S_LIMIT,
+    S_LOAD,
+    S_OUT_OF_RANGE,
+    S_STAGE,
+    S_TIME,
+    S_TORQUE,
+    S_VOLTAGE,
+)
 
 from benchmarks.exact_joint import ExactJoint, excitation
 from benchmarks.numerics import HOLD, Constants, engine
@@ -194,6 +204,45 @@ def test_robots_with_different_chains_do_not_disturb_each_other():
     for thread in threads:
         thread.join()
     assert all(np.array_equal(results[chain], alone[chain]) for chain in alone)
+
+
+SAGGING = {"volts": 7.4, "resistance": 0.6}
+
+
+def servo(**supply: float) -> list:
+    """A position servo that pushes with nearly all it has."""
+    motor = {"motor_constant": 1.2, "resistance": 2.7, "armature": 0.026}
+    return [{"position_p": {"gain": 5.0}}, {"supply": SAGGING | supply}, {"dc_motor": motor}]
+
+
+@pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
+def test_drives_of_one_supply_sag_together(integrator):
+    """A leg trained on drives with a supply each walked on voltages that its battery does not give."""
+    model = TWO.replace("RK4", integrator)
+    driven = Drivetrain(mujoco.MjSpec.from_string(model), {"one": servo(), "two": servo()})
+    data = mujoco.MjData(driven.model)
+    mujoco.mj_step(driven.model, data)
+    data.ctrl[:] = 0.5, -0.5
+    mujoco.mj_step(driven.model, data, 30)
+    mujoco.mj_forward(driven.model, data)  # which changes nothing, as little as without a sag
+    slots = {slot: [driven.state(name, data.userdata, slot) for name in ("one", "two")] for slot in (S_DUTY, S_CURRENT)}
+    drawn = [max(float(d * i), 0.0) for d, i in zip(slots[S_DUTY], slots[S_CURRENT], strict=True)]
+    assert min(drawn) > 0.5
+    for name, duty in zip(("one", "two"), slots[S_DUTY], strict=True):
+        volts = float(driven.state(name, data.userdata, S_VOLTAGE) / duty)
+        assert volts == pytest.approx(7.4 - 0.6 * sum(drawn), abs=0.02)
+
+
+def test_a_supply_of_its_own_sags_with_its_own_drive_alone():
+    alone, beside = {"one": servo(shared=0.0)}, {"one": servo(shared=0.0), "two": servo()}
+    found = []
+    for chains in (alone, beside):
+        driven = Drivetrain(mujoco.MjSpec.from_string(TWO), chains)
+        data = mujoco.MjData(driven.model)
+        data.ctrl[:] = 0.4
+        mujoco.mj_step(driven.model, data, 300)
+        found.append(data.qpos[:1].copy())
+    np.testing.assert_array_equal(*found)
 
 
 def test_discrete_memory_advances_once_a_step_in_every_integrator():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
@@ -19,7 +17,6 @@ from sealegs.gap.replay.free import NO_TERMS, FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import Axis, JointModel
 from sealegs.gap.replay.layout import between_steps, heated
 from sealegs.gap.replay.simulator import replay
-from sealegs.gap.replay.tree import drawn_beside
 from sealegs.gap.verdict.verdict import NOTHING
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -244,16 +241,3 @@ def test_what_other_joints_draw_is_as_a_lower_voltage_of_the_supply() -> None:
 
 def test_a_supply_that_does_not_sag_gives_its_voltage_whatever_others_draw() -> None:
     np.testing.assert_array_equal(joint(DRAWN).simulate([{}]), joint(0.0).simulate([{}]))
-
-
-def test_a_bridge_draws_duty_times_current_and_gives_nothing_back() -> None:
-    still = np.zeros(3)
-    logs = {
-        "wrist": JointLog(still, still, duty=np.full(3, 0.5), current=np.full(3, 3.0)),
-        "jaw": JointLog(still, still, duty=np.array([-0.5, 0.5, np.nan]), current=np.array([-1.0, -1.0, 1.0])),
-        "base": JointLog(still, still, current=np.full(3, 9.0)),
-    }
-    run = MeasuredRun("run", np.arange(3.0), logs, {}, "robot", {}, {})
-    np.testing.assert_allclose(drawn_beside(run, "wrist"), [0.5, 0.0, 0.0])
-    np.testing.assert_allclose(drawn_beside(run, "jaw"), 1.5)
-    np.testing.assert_allclose(drawn_beside(replace(run, joints={"jaw": logs["jaw"]}), "jaw"), 0.0)
