@@ -1,4 +1,6 @@
-"""What all joints share beside the robot's bodies, sought before their own causes: the latency of the bus."""
+"""What all joints share beside the robot's bodies: the latency of the bus, sought before their own causes, and the
+supply, where they agree on it.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ...common.errors import SealegsError
+from ..load.terms import T_DRAWN
 from ..measure.case import Case, Replay
 from ..measure.confidence import standing
 from ..measure.measured import Measured
@@ -18,7 +21,7 @@ from ..prepare.request import Request
 from ..replay.parameters import numbers
 from ..replay.problem import NOISE_FLOORS, Problem
 from ..search.forward import NUMERICAL
-from ..search.latency import DELAY, NUMBER, Latency, latency_of
+from ..search.latency import AGREEING, DELAY, NUMBER, Latency, agreeing, latency_of, mean_of
 from ..search.look import Look, look
 from ..search.structure import fine, listed
 from ..verdict.evidence import Refused
@@ -26,6 +29,8 @@ from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason
 from ..verdict.words import certainty, subject
 from .search import ROBOT
 
+SAG, RESISTANCE = "drive.supply_sag", "supply.resistance"
+SUPPLY_SENTENCE = "The supply that all joints draw from drops under their currents."
 SENTENCE = "Commands take effect at another time than the model believes, at all joints alike: the bus."
 EXPLAINED_SHARE = 0.5  # of the gaps of all joints, from which what they share explains them
 Replayed = Callable[[str], Replay | Refused | None]
@@ -157,8 +162,78 @@ def headed(diagnosis: JointDiagnosis, found: Latency | None) -> JointDiagnosis:
 
 def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> list[JointDiagnosis]:
     """The diagnoses with the latency named once, at the robot."""
-    having = [one for one in diagnoses if found is not None and one.joint in found.joints and NUMBER in one.shared]
-    if found is None or not having:
+    if found is None:
+        return list(diagnoses)
+    value = Value(found.value, found.low, found.high, "s", found.believed)
+    return of_all(diagnoses, OfAll(DELAY, NUMBER, SENTENCE, value, found.confidence, told(found)))
+
+
+def with_supply(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> list[JointDiagnosis]:
+    """The diagnoses with the sag of a supply that joints draw from together named once, where they agree on it.
+
+    Args:
+        diagnoses: of the joints, and of the robot.
+        found: the latency of all joints.
+    """
+    told = {one.joint: cause for one in diagnoses for cause in one.causes if cause.name == SAG and _draws(one)}
+    values = {joint: cause.parameters[RESISTANCE] for joint, cause in told.items() if RESISTANCE in cause.parameters}
+    joints = agreeing({joint: (one.value, max(0.5 * (one.high - one.low), 1e-9)) for joint, one in values.items()})
+    if len(joints) < max(2, AGREEING * len(told)):
+        return list(diagnoses)
+    mean, half = mean_of([(values[joint].value, 0.5 * (values[joint].high - values[joint].low)) for joint in joints])
+    half *= len(joints) ** 0.5  # what others draw is worked out of the same numbers for each: no mean narrows that
+    value = Value(mean, max(mean - half, 0.0), mean + half, "ohm", values[joints[0]].nominal)
+    sure = max(told[joint].confidence for joint in joints)
+    words = f"supply {mean:.2g} ohm ({value.low:.2g} to {value.high:.2g}, {value.nominal:.2g} believed)"
+    shared = [headed(_without(one, told[one.joint]), found) if one.joint in joints else one for one in diagnoses]
+    return of_all(shared, OfAll(SAG, RESISTANCE, SUPPLY_SENTENCE, value, sure, words))
+
+
+def _draws(diagnosis: JointDiagnosis) -> bool:
+    """Whether others draw from the supply of a joint."""
+    joint = None if diagnosis.problem is None else diagnosis.problem.joint
+    return joint is not None and joint.terms is not None and bool(joint.terms[:, T_DRAWN].any())
+
+
+def _without(diagnosis: JointDiagnosis, cause: NamedCause) -> JointDiagnosis:
+    """A joint one of whose causes is told of all joints."""
+    return diagnosis.changed(
+        causes=tuple(one for one in diagnosis.causes if one is not cause),
+        shared={**diagnosis.shared, RESISTANCE: cause.name},
+        shared_shares={**diagnosis.shared_shares, cause.name: cause.share},
+    )
+
+
+@dataclass(frozen=True)
+class OfAll:
+    """A cause of all joints.
+
+    Attributes:
+        name: of the cause.
+        number: of each chain that it changes.
+        sentence: about it.
+        value: of the number.
+        confidence: in the cause.
+        words: the value, in words.
+    """
+
+    name: str
+    number: str
+    sentence: str
+    value: Value
+    confidence: float
+    words: str
+
+
+def of_all(diagnoses: Sequence[JointDiagnosis], told: OfAll) -> list[JointDiagnosis]:
+    """The diagnoses with a cause of all joints named once, at the robot.
+
+    Args:
+        diagnoses: those of joints have its share, where they have it.
+        told: the cause.
+    """
+    having = [one for one in diagnoses if told.number in one.shared]
+    if not having:
         return list(diagnoses)
     noises = {one.joint: one.gap["noise_floor"].rmse for one in having}
     sizes = {
@@ -166,24 +241,23 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
         for name in ("nominal", "extended")
     }
     weights = np.array([(one.gap["nominal"].rmse / noises[one.joint]) ** 2 for one in having])
-    share = float(weights @ np.array([one.shared_shares[DELAY] for one in having]) / weights.sum())
-    value = Value(found.value, found.low, found.high, "s", found.believed)
+    share = float(weights @ np.array([one.shared_shares[told.name] for one in having]) / weights.sum())
     cause = NamedCause(
-        name=DELAY,
-        sentence=SENTENCE,
+        name=told.name,
+        sentence=told.sentence,
         joint=ROBOT,
         share=share,
-        confidence=found.confidence,
-        parameters={NUMBER: value},
+        confidence=told.confidence,
+        parameters={told.number: told.value},
         gain=share,
         kind="number",
-        standing=standing(found.confidence, ()),
+        standing=standing(told.confidence, ()),
     )
     known = next((one for one in diagnoses if one.joint == ROBOT), None)
     if known is not None:
-        return [_with_latency(one, cause, found) if one is known else one for one in diagnoses]
-    sentence = f"All joints: {told(found)}, {100.0 * share:.0f} % of the gap."
-    reason = Reason("shared", f"It is of the same size at {', '.join(found.joints)}.")
+        return [_beside_others(one, cause, told.words) if one is known else one for one in diagnoses]
+    sentence = f"All joints: {told.words}, {100.0 * share:.0f} % of the gap."
+    reason = Reason("shared", f"It is of the same size at {', '.join(one.joint for one in having)}.")
     measured = Measured(
         gap={name: Error(size, size) for name, size in {**sizes, "noise_floor": 1.0}.items()},
         unexplained=max(1.0 - share, 0.0),
@@ -194,15 +268,16 @@ def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> 
     return [*diagnoses, JointDiagnosis(case, said, measured)]
 
 
-def _with_latency(robot: JointDiagnosis, cause: NamedCause, found: Latency) -> JointDiagnosis:
-    """What is said of the robot, with the latency among its causes; the one that does most comes first."""
-    share = robot.shared_shares[DELAY]
+def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> JointDiagnosis:
+    """What is said of the robot, with another cause of all joints; the one that does most comes first."""
+    share = robot.shared_shares.get(cause.name, cause.share)
     cause = replace(cause, share=share, gain=share)
     causes = tuple(sorted((cause, *robot.causes), key=lambda one: -one.share))
     others = listed([f"{one.name} {100.0 * one.share:.0f} %" for one in robot.causes])
-    late = f"{told(found)}, {100.0 * cause.share:.0f} % of the gap"
-    sentence = f"All joints: {late}; beside it {others} ({certainty(robot.causes)})."
+    size = f"{words}, {100.0 * cause.share:.0f} % of the gap"
+    sentence = f"All joints: {size}; beside it {others} ({certainty(robot.causes)})."
     if causes[0] is not cause:
-        sentence = f"{robot.sentence.removesuffix('.')}; beside it the {late}."
-    reasons = (Reason("shared", f"All joints: {late}."), *robot.reasons)
-    return robot.changed(causes=causes, sentence=sentence, shared_shares={}, reasons=reasons)
+        sentence = f"{robot.sentence.removesuffix('.')}; beside it the {size}."
+    reasons = (Reason("shared", f"All joints: {size}."), *robot.reasons)
+    left = {name: part for name, part in robot.shared_shares.items() if name != cause.name}
+    return robot.changed(causes=causes, sentence=sentence, shared_shares=left, reasons=reasons)

@@ -28,7 +28,7 @@ def gripper(tmp_path_factory) -> Machine:
 
 def told(run: MeasuredRun) -> np.ndarray:
     """All that the drives draw by what is estimated of them (n,) [A], at the voltage that was logged."""
-    rows = sum(run.draws.values())
+    rows = np.sum(list(run.draws.values()), axis=0)
     return rows[:, 0] - rows[:, 1] * sagged(run)
 
 

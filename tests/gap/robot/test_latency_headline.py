@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.causes.cause import Cause
+from sealegs.gap.load.terms import T_COLUMNS
 from sealegs.gap.measure.case import Case
 from sealegs.gap.measure.measured import Measured
 from sealegs.gap.measure.named import CERTAIN, Error, NamedCause, Value
 from sealegs.gap.replay.parameters import Parameter, factor
 from sealegs.gap.robot.search import ROBOT, SharedFound
-from sealegs.gap.robot.together import beside_latency, with_latency
+from sealegs.gap.robot.together import RESISTANCE, SAG, beside_latency, with_latency, with_supply
 from sealegs.gap.search.latency import DELAY, NUMBER, Latency, agreeing, apart_from, mean_of
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
 
@@ -36,7 +37,8 @@ def judged(joint: str, *causes: NamedCause, sentence: str, **more: Any) -> Joint
     def simulate(rows: list[dict[str, float]]) -> np.ndarray:
         return np.array([[size if path in row else 0.0 for path, size in MOVED.items()] for row in rows])
 
-    problem = SimpleNamespace(simulate=simulate, position_error=lambda row: row)
+    tree = SimpleNamespace(terms=np.ones((1, T_COLUMNS)))
+    problem = SimpleNamespace(simulate=simulate, position_error=lambda row: row, joint=tree)
     replay: Any = SimpleNamespace(problem=problem)
     sizes = {"nominal": BEFORE, "refitted": BEFORE, "extended": NOISE, "noise_floor": NOISE}
     known: dict[str, Any] = {
@@ -153,3 +155,45 @@ def test_a_joint_turns_its_delay_about_the_shared_one_alone_and_seeks_no_other()
     assert FOUND.numbers_of("jaw", numbers) == numbers
     delay = Cause(sentence="", picture="", variants=((Parameter(NUMBER, "s", 0.0, 0.2, 0.01, 0.004),),), name=DELAY)
     assert FOUND.causes_of("hip", [delay]) == [] and FOUND.causes_of("jaw", [delay]) == [delay]
+
+
+SAGS = {"hip_roll": (0.64, 0.678, 0.716), "hip_pitch": (0.60, 0.629, 0.657), "knee": (0.553, 0.62, 0.686)}
+
+
+def sagging(sags: dict[str, tuple[float, float, float]], *others: NamedCause) -> list[JointDiagnosis]:
+    """Joints that were each found to have a supply of so many ohms: lower end, value, upper end."""
+    found = []
+    for joint, (low, value, high) in sags.items():
+        parameters = {RESISTANCE: Value(value, low, high, "ohm", 0.0)}
+        own = replace(cause(SAG, 0.6, joint), parameters=parameters)
+        found.append(judged(joint, own, *others, sentence=f"{SAG} explains the gap of '{joint}'.", tuned_share=0.4))
+    return found
+
+
+def test_a_supply_that_joints_agree_on_is_told_once() -> None:
+    """A leg on 0.66 ohm was told three sags."""
+    *joints, robot = with_supply(sagging(SAGS), None)
+    told = robot.causes[0]
+    value = told.parameters[RESISTANCE]
+    assert robot.joint == ROBOT and told.name == SAG and told.confidence == 0.99
+    assert value.low <= 0.662 <= value.high and value.high - value.low < 0.1
+    assert robot.sentence.startswith("All joints: supply 0.63 ohm") and robot.verdict == EXPLAINED
+    for joint in joints:
+        assert not joint.causes and joint.shared == {RESISTANCE: SAG} and joint.shared_shares == {SAG: 0.6}
+        assert joint.sentence.startswith(f"{SAG} of the robot explains 60 % of the gap of '{joint.joint}'")
+
+
+def test_sags_of_other_sizes_are_of_the_joints_own_wires() -> None:
+    apart = sagging({"hip": (0.18, 0.2, 0.22), "knee": (0.68, 0.7, 0.72)})
+    assert with_supply(apart, None) == apart
+    assert with_supply(alone := sagging({"hip": (0.6, 0.7, 0.8)}), None) == alone
+
+
+def test_the_supply_comes_beside_the_latency_of_all_joints() -> None:
+    late = with_latency(
+        [beside_latency(one, FOUND) for one in sagging(dict.fromkeys(FOUND.joints, SAGS["knee"]))], FOUND
+    )
+    robot = with_supply(late, FOUND)[-1]
+    assert [one.name for one in robot.causes] == [DELAY, SAG]
+    assert "latency 22.3 ms" in robot.sentence and robot.sentence.endswith("% of the gap.")
+    assert "beside it the supply 0.62 ohm" in robot.sentence
