@@ -93,13 +93,6 @@ def tell(done: Imported, out: Path) -> None:
     """Say what was written and what has to be filled in."""
     for sentence in done.left:
         print(f"Left out: {sentence}.")
-    for sentence in done.far:
-        print(f"{sentence}.")
-    if done.unmodelled:
-        print(
-            f"There is no model of a robot '{done.unmodelled}': each joint is judged with its link moving as measured. "
-            "Name the file of its model at robot to judge its load too."
-        )
     print(f"{len(done.files)} measured log{'s' * (len(done.files) != 1)} in {out}")
     if done.missing:
         *first, last = done.missing

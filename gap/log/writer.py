@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import errno
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
 from ...common.atomic import flush, write_text, written
-from ...common.documents import DocumentError, parse_yaml, read_yaml
 from .sidecar import Sidecar, sidecar_text
-from .types import Array, LogError, MeasuredRun
+from .types import LogError, MeasuredRun
 
 FORMATS = ("csv", "parquet")
 FROM = "imported_from"
@@ -55,16 +51,15 @@ def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv", own: st
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        content = None if own is None else parse_yaml(own)
-        if there := in_the_way(run, folder, content):
+        ends = (".csv", ".parquet", ".yaml", ".yml")
+        if there := next((path for end in ends if (path := folder / f"{run.name}{end}").exists()), None):
             raise _taken(there)
         with contextlib.ExitStack() as undone:
             with written(data) as fresh:
                 write_table(table, fresh)
                 flush(fresh)
-                if not sidecar.exists():
-                    write_text(sidecar, text)  # before the data, which without it would be of another robot
-                    undone.callback(sidecar.unlink)
+                write_text(sidecar, text)  # before the data, which without it would be of another robot
+                undone.callback(sidecar.unlink)
             undone.pop_all()
     except FileExistsError as error:
         raise _taken(Path(error.filename2 or error.filename)) from None
@@ -73,71 +68,6 @@ def write_run(run: MeasuredRun, folder: str | Path, format: str = "csv", own: st
         reason = "the disk is full; free some space and write it again" if full else error.strerror or error
         raise LogError(f"{data}: cannot be written: {reason}") from None
     return data
-
-
-def in_the_way(run: MeasuredRun, folder: Path, own: Mapping[str, Any] | None) -> Path | None:
-    """A file that a run would be written over or beside; None: its name is free.
-
-    The sidecar that an import left behind alone, as it was killed before it wrote the table, is in nobody's way.
-    """
-    there = _files(folder, run.name)
-    if own is not None and there == [folder / f"{run.name}.yaml"] and _holds(_said(there[0]), own):
-        return None
-    return there[0] if there else None
-
-
-def _files(folder: Path, name: str) -> list[Path]:
-    files = [folder / f"{name}{end}" for end in (".csv", ".parquet", ".yaml", ".yml")]
-    return [path for path in files if path.exists()]
-
-
-def _said(sidecar: Path) -> Any:
-    """What a sidecar says; None where it cannot be read."""
-    try:
-        return read_yaml(sidecar)
-    except DocumentError:
-        return None
-
-
-def is_written(run: MeasuredRun, folder: Path, own: Mapping[str, Any]) -> Path | None:
-    """The table of a log that was imported from the same file with the same numbers and machine; None: there is none.
-
-    Args:
-        run: as it would be written.
-        folder: to write to.
-        own: content of its own sidecar; what a person wrote beside it, there, does not count.
-    """
-    there = _files(folder, run.name)
-    tables = [path for path in there if path.suffix in (".csv", ".parquet")]
-    sidecar = folder / f"{run.name}.yaml"
-    if len(tables) != 1 or sidecar not in there or not _holds(_said(sidecar), own):
-        return None
-    try:
-        table = arrow_csv.read_csv(tables[0]) if tables[0].suffix == ".csv" else parquet.read_table(tables[0])
-    except (OSError, ValueError):  # those of Arrow are values
-        return None
-    columns = run.columns()
-    same = table.column_names == list(columns) and all(
-        np.array_equal(_numbers(table[name]), values, equal_nan=True) for name, values in columns.items()
-    )
-    return tables[0] if same else None
-
-
-def _numbers(cells: pa.ChunkedArray) -> Array:
-    """Cells of a table as numbers; none where they are something else."""
-    try:
-        return np.asarray(cells.cast(pa.float64()).to_numpy(), np.float64)
-    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        return np.zeros(0)
-
-
-def _holds(said: Any, own: Any, key: str = "") -> bool:
-    """Whether all that a sidecar would say stands in the one that is there; of paths, whether the file is the same."""
-    if isinstance(own, Mapping):
-        return isinstance(said, Mapping) and all(name in said and _holds(said[name], own[name], name) for name in own)
-    if key == FROM:
-        return Path(str(said)).resolve() == Path(str(own)).resolve()
-    return said == own
 
 
 def _taken(path: Path) -> LogError:

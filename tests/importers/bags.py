@@ -12,8 +12,7 @@ import pytest
 START = 1.7e9
 STATES, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 LIST, POINT = "std_msgs/msg/Float64MultiArray", "trajectory_msgs/msg/JointTrajectoryPoint"
-CONTROLLER, DYNAMIC = "control_msgs/msg/JointTrajectoryControllerState", "control_msgs/msg/DynamicJointState"
-INTERFACES = "control_msgs/msg/InterfaceValue"
+CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
 NEW, OLD = ("reference", "feedback", "error", "output"), ("desired", "actual", "error")
 NONE = np.array([])
 Points = Sequence[tuple[float, Sequence[float], Sequence[float]]]
@@ -36,11 +35,7 @@ class Bag:
         self.store = get_typestore(Stores.ROS1_NOETIC if storage == "bag" else Stores.ROS2_HUMBLE)
         named = "std_msgs/Header header\nstring[] joint_names\n"
         points = "".join(f"trajectory_msgs/JointTrajectoryPoint {part}\n" for part in parts or NEW)
-        self.store.register(
-            get_types_from_msg("string[] interface_names\nfloat64[] values\n", INTERFACES)
-            | get_types_from_msg(f"{named}control_msgs/InterfaceValue[] interface_values\n", DYNAMIC)
-            | get_types_from_msg(named + points, CONTROLLER)
-        )
+        self.store.register(get_types_from_msg(named + points, CONTROLLER))
         self.path, self.storage, self.parts, self.topics = path, storage, parts, dict[str, Any]()
         plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
         version: Any = 9 if parts else 8
@@ -113,10 +108,3 @@ class Bag:
         said |= dict.fromkeys(("reference", "desired"), self.point(wanted, velocities))
         said |= dict.fromkeys(("feedback", "actual"), self.point(position))
         self.put(topic, CONTROLLER, seconds, joint_names=list(goals), **{part: said[part] for part in self.parts})
-
-    def dynamic(self, topic: str, seconds: float, values: Mapping[str, Mapping[str, float]]) -> None:
-        made = [
-            self.store.types[INTERFACES](interface_names=list(one), values=np.array(list(one.values()), float))
-            for one in values.values()
-        ]
-        self.put(topic, DYNAMIC, seconds, joint_names=list(values), interface_values=made)

@@ -82,19 +82,7 @@ def test_a_stalled_or_sagging_joint_has_no_other_unit_than_its_goal(
     np.savetxt(source, table, delimiter=",", header=",".join(columns), comments="", fmt="%.7g")
     found = propose_for(source, tmp_path / "out", robot="bench", actuator="ideal")
     assert found.mapping.columns["wrist.goal"] == "wrist_goal", found.text
-    assert "in which unit is wrist_goal?" in found.text
-
-
-@pytest.mark.parametrize("clock", ["time_ms", "time"])
-def test_two_recordings_in_one_file_are_no_counter_that_overflows(clock: str, tmp_path: Path) -> None:
-    """Times that begin anew were glued together 25 s later, and sure of it."""
-    one = TIME * (1000.0 if clock == "time_ms" else 1.0) + (0.0 if clock == "time_ms" else 0.0005)
-    goal, position = (np.tile(MOVED[name], 2) for name in ("goal", "smooth"))
-    source = tmp_path / "log.csv"
-    table = np.stack([np.tile(one, 2), goal, position], axis=1)
-    np.savetxt(source, table, delimiter=",", header=f"{clock},elbow_goal,elbow_position", comments="", fmt="%.7g")
-    found = propose_for(source, tmp_path / "out", robot="bench", actuator="ideal")
-    assert "counter(" not in found.text
+    assert "is this the goal of the position beside it?" in found.text
 
 
 def test_runs_that_agree_on_degrees_are_still_all_found() -> None:

@@ -118,7 +118,7 @@ def test_an_open_question_holds_the_import_and_yes_leaves_its_columns_out(
     path, out = table(tmp_path, columns), tmp_path / "log"
     assert main(["import", str(path), f"out={out}"]) == 0
     assert main(["import", str(path), f"out={out}", f"mapping={tmp_path / 'log.mapping.yaml'}"]) == 2
-    assert "joint.torque: is it a torque at all" in capsys.readouterr().err
+    assert "joint.torque: in which unit is this torque?" in capsys.readouterr().err
     assert main(["import", str(path), f"out={out}", "yes=true", "robot=bench", "actuator=sts3215"]) == 0
     assert "Left out, for they are in question: joint.torque." in capsys.readouterr().out
     assert read_measured(out).runs[0].joints["joint"].torque is None

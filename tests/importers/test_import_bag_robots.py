@@ -1,4 +1,4 @@
-"""Robots of one bag whose joints have the same names, and lists that name no joints."""
+"""Robots of a bag whose joints have the same names, and lists that name no joints."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sealegs.gap.log import read_measured
-from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
+from sealegs.gap.log import LogError
+from sealegs.gap.log.importers import propose_for, read_recordings
 from sealegs.gap.log.importers.lines import ASK
 from sealegs.gap.log.importers.proposal import propose
 
@@ -59,7 +59,7 @@ def test_a_list_of_fewer_places_than_joints_is_left_out_with_a_reason(tmp_path: 
     goals, positions = zip(*[_moved(seed) for seed in (3, 4, 5)], strict=True)
     path = _record(tmp_path / "run", "/position_controller/commands", goals[1:], positions, ("finger", *JOINTS))
     found = propose(read_recordings(path))
-    assert "nothing tells whose" in found.unused["position_controller.commands.data[0]"]
+    assert "write <joint>.goal where you know whose" in found.unused["position_controller.commands.data[0]"]
 
 
 def test_torques_of_a_list_that_no_motion_explains_are_asked_about(tmp_path: Path) -> None:
@@ -96,107 +96,18 @@ def test_measured_lists_without_names_are_left_out_with_a_reason(tmp_path: Path)
     assert "joint1.temperature:" not in found.text.partition("unused")[0]
 
 
-NAMES = ("joint1", "joint2")
-
-
-def _arms(alike: bool) -> dict[str, list[dict[str, np.ndarray]]]:
-    """Motions of the joints of two arms, mirrored or each its own."""
-    left = [motion(6.0, 100.0, 0.04, seed=seed) for seed in (3, 4)]
-    if alike:
-        return {"left": left, "right": [{key: 0.8 * values for key, values in one.items()} for one in left]}
-    return {"left": left, "right": [motion(6.0, 100.0, 0.04, seed=seed) for seed in (5, 6)]}
-
-
 def _goals(path: Path) -> dict[str, str]:
     found = propose(read_recordings(path))
     assert not found.questions
     return {name: read.text for name, read in found.columns.items() if name.endswith(".goal")}
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("alike", [True, False])
-@pytest.mark.parametrize("kind", ["states", "trajectory"])
-def test_each_of_two_arms_keeps_its_own_goals(tmp_path: Path, alike: bool, kind: str) -> None:
+def test_topics_that_have_the_same_joint_are_refused(tmp_path: Path) -> None:
     """The right arm got the goals of the left one, and nobody was asked."""
-    arms, source, out = _arms(alike), tmp_path / "run", tmp_path / "log"
-    with Bag(source) as bag:
-        for k, t in enumerate(TIME):
-            for late, (arm, joints) in enumerate(arms.items()):
-                goals = [one["goal"][k] for one in joints]
-                if kind == "states":
-                    bag.state(f"/{arm}/joint_commands", float(t), NAMES, goals)
-                else:
-                    bag.trajectory(f"/{arm}/arm_controller/joint_trajectory", float(t), NAMES, [(0.0, goals, [])])
-                seconds = float(t) + 1e-3 * (1 + late)
-                bag.state(f"/{arm}/joint_states", seconds, NAMES, [one["smooth"][k] for one in joints])
-    import_logs(source, out, propose_for(source, out, robot="bench", actuator="ideal").mapping)
-    run = read_measured(out).runs[0]
-    assert set(run.joints) == {f"{arm}_{joint}" for arm in arms for joint in NAMES}
-    for arm, joints in arms.items():
-        for name, one in zip(NAMES, joints, strict=True):
-            goal = run.joints[f"{arm}_{name}"].goal
-            assert goal is not None
-            np.testing.assert_allclose(goal, one["goal"][: len(goal)], atol=1e-9)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("states", "commands", "names"),
-    [
-        (("/joint_states_left", "/joint_states_right"), ("/cmd_left", "/cmd_right"), ("left_", "right_")),
-        (("/arm_1/joint_states", "/arm_2/joint_states"), ("/arm_1/goal", "/arm_2/goal"), ("arm_1_", "arm_2_")),
-        (("/joint_states", "/right/joint_states"), ("/joint_cmd", "/right/joint_cmd"), ("", "right_")),
-    ],
-)
-def test_what_tells_topics_apart_names_the_joints(
-    tmp_path: Path, states: Sequence[str], commands: Sequence[str], names: Sequence[str]
-) -> None:
     with Bag(tmp_path / "run") as bag:
         for k, t in enumerate(TIME):
-            for state, command, joints in zip(states, commands, _ARMS, strict=True):
-                bag.state(command, float(t), NAMES, [one["goal"][k] for one in joints])
-                bag.state(state, float(t) + 1e-3, NAMES, [one["smooth"][k] for one in joints])
-    found = _goals(tmp_path / "run")
-    assert found == {
-        f"{name}{joint}.goal": f"{command.strip('/').replace('/', '.')}.{joint}.position"
-        for name, command in zip(names, commands, strict=True)
-        for joint in NAMES
-    }
-
-
-_ARMS = list(_arms(False).values())
-
-
-def test_a_command_that_names_no_arm_is_not_given_to_one(tmp_path: Path) -> None:
-    with Bag(tmp_path / "run") as bag:
-        for k, t in enumerate(TIME):
-            bag.state("/joint_commands", float(t), NAMES, [one["goal"][k] for one in _ARMS[0]])
-            for arm, joints in zip(("left", "right"), _ARMS, strict=True):
-                bag.state(f"/{arm}/joint_states", float(t) + 1e-3, NAMES, [one["smooth"][k] for one in joints])
-    found = propose(read_recordings(tmp_path / "run"))
-    about = {name for question in found.questions for name in question.about}
-    assert {"right_joint1.goal", "right_joint2.goal"} <= about
-    assert not {"right_joint1.goal", "right_joint2.goal"} & found.columns.keys()
-
-
-def test_an_arm_that_is_led_by_hand_is_the_goal_of_the_one_that_follows_it(tmp_path: Path) -> None:
-    with Bag(tmp_path / "run") as bag:
-        for k, t in enumerate(TIME):
-            if k % 4 == 0:
-                bag.state("/leader/joint_states", float(t), NAMES, [one["goal"][k] for one in _ARMS[0]])
-            bag.state("/follower/joint_states", float(t) + 1e-3, NAMES, [one["smooth"][k] for one in _ARMS[0]])
-    (recording,) = read_recordings(tmp_path / "run")
-    held = np.repeat(_ARMS[0][0]["goal"][::4], 4)
-    np.testing.assert_allclose(recording.columns["leader.joint_states.joint1.position"], held, atol=1e-9)
-    assert _goals(tmp_path / "run") == {f"{name}.goal": f"leader.joint_states.{name}.position" for name in NAMES}
-
-
-def test_joint_states_that_a_second_topic_repeats_are_of_one_robot(tmp_path: Path) -> None:
-    with Bag(tmp_path / "run") as bag:
-        for k, t in enumerate(TIME):
-            positions = [one["smooth"][k] for one in _ARMS[0]]
-            bag.state("/joint_commands", float(t), NAMES, [one["goal"][k] for one in _ARMS[0]])
-            bag.state("/joint_states", float(t) + 1e-3, NAMES, positions)
-            if k % 10 == 0:
-                bag.state("/robot/joint_states", float(t) + 1e-3, NAMES, positions)
-    assert _goals(tmp_path / "run").keys() == {f"{name}.goal" for name in NAMES}
+            bag.state("/joint_commands", float(t), ["joint1"], [0.01 * k])
+            bag.state("/left/joint_states", float(t) + 1e-3, ["joint1"], [0.01 * k])
+            bag.state("/right/joint_states", float(t) + 1e-3, ["joint1"], [0.02 * k])
+    with pytest.raises(LogError, match="both have the joint 'joint1'; import a bag with one topic of joint states"):
+        read_recordings(tmp_path / "run")

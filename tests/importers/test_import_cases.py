@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from sealegs.actuators import load_chain
 from sealegs.commands.cli import main
 from sealegs.gap.checks.data_set import check_set, merged
 from sealegs.gap.log import LogError, MeasuredSet, read_measured
-from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
+from sealegs.gap.log.importers import import_logs, propose_for, read_mapping
 
-from tests.importers.importing import ANGLE, LATE, RAD, TIME, proposed, table
+from tests.importers.importing import TIME
 
 ONE = np.ones_like(TIME)
 
@@ -76,50 +74,7 @@ def test_the_mapping_of_so101_has_the_gain_that_its_publisher_set(measured_data:
 # --- gains -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("beside", [{}, {"dq_des": np.gradient(ANGLE, TIME)}])
-def test_constant_gains_in_columns_make_the_chain_of_their_joint(tmp_path: Path, beside: dict[str, np.ndarray]) -> None:
-    """Without a velocity or torque beside the goal they were left out."""
-    columns = {"time": TIME, "q_des": ANGLE, "q": LATE, "kp": 40.5 * ONE, "kd": 2.0 * ONE}
-    found = proposed(tmp_path, columns | beside)
-    drive = {"stiffness": 40.5, "damping": 2.0} | ({"feedforward": 1} if beside else {})
-    assert found.mapping.sidecar["actuators"] == {"joint": [{"ideal": drive}]}
-    assert ("replace the chain under sidecar" in found.text) == (not beside)
-
-
-@pytest.mark.parametrize(
-    ("facts", "stiffness"),
-    [({"kp": 12.0, "kd": 0.5}, "${kp}"), ({"kp": 32.0, "kd": 32.0, "motor": "mx64"}, None), ({"kp": 12.0}, None)],
-)
-def test_gains_of_a_recording_reach_a_chain_that_is_a_stiffness(
-    tmp_path: Path, facts: dict[str, float | str], stiffness: str | None
-) -> None:
-    """``actuator=ideal`` kept its own numbers; a register of a known motor, or kp alone, is no stiffness."""
-    source = table(tmp_path, {"time": TIME, **RAD})
-    source.with_suffix(".meta.json").write_text(json.dumps(facts))
-    found = propose_for(source, tmp_path / "out", robot="bench", actuator="ideal", params={"mass": 0.0}).mapping
-    chain = found.sidecar["actuators"]["joint"]
-    assert (chain if isinstance(chain, str) else chain[-1]["ideal"]["stiffness"]) == (stiffness or "ideal")
-    import_logs(source, tmp_path / "out", found)
-    if stiffness:
-        chain = load_chain(read_measured(tmp_path / "out").runs[0].actuators["joint"])
-        assert (chain.value("ideal.stiffness"), chain.value("ideal.damping")) == (12.0, 0.5)
-
-
 # --- what is set aside by name ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("cell", ["=cmd|calc", "=A1*2", "@SUM(A1)"])
-def test_formulas_of_a_spreadsheet_are_not_computed_and_called_so(tmp_path: Path, cell: str) -> None:
-    """They were 'text', or a file 'without a header line'."""
-    rows = "".join(f"{t:.2f},{g:.4f},{cell}\n" for t, g in zip(TIME, ANGLE, strict=True))
-    (tmp_path / "run.csv").write_text(f"time_s,goal_rad,pos_rad\n{rows}")
-    found = propose_for(tmp_path / "run.csv", tmp_path / "out")
-    assert (
-        "pos_rad: 'it holds formulas of a spreadsheet" in found.text and "joint.position" not in found.mapping.columns
-    )
-    (tmp_path / "bare.csv").write_text(f"{cell},{cell}\n" * 20)
-    with pytest.raises(LogError, match="holds formulas of a spreadsheet, which are not computed; export values"):
-        read_recordings(tmp_path / "bare.csv")
 
 
 DATA = Path(__file__).resolve().parents[2] / "../shared/data"

@@ -41,23 +41,6 @@ def test_two_columns_of_one_name_are_two_joints_with_names(tmp_path: Path) -> No
     assert "several columns are called pos; the second of them is pos_2 here" in shown
 
 
-@pytest.mark.parametrize(
-    ("time", "sentence"),
-    [
-        (TIME[::-1], "it runs backwards, from 4.99 to 0: turn the order of the rows round"),
-        (np.repeat(TIME[:250], 2), "2 rows have the same stamp: of a row for each joint make a column for each joint"),
-        (np.floor(TIME), "100 rows have the same stamp: export it with fractions of a second"),
-        (TIME % 2.5, "it jumps back in row 251, from 2.49 to 0: there one recording ends and the next begins"),
-        (TIME % 2.5, "the line `where: 250 - row` in one mapping and `where: row - 249` in the other"),
-        (1e12 * TIME, "its steps of 1e+10 are no sample period"),
-    ],
-)
-def test_what_is_wrong_with_a_clock_is_said(tmp_path: Path, time: np.ndarray, sentence: str) -> None:
-    columns, asked, shown = texts_of(table(tmp_path, {"t": time, **DEG}))
-    assert asked == ["time"] and columns["time"] == "t"
-    assert sentence in shown and "another clock" not in shown
-
-
 def test_a_file_without_a_clock_is_timed_by_its_rows(tmp_path: Path) -> None:
     path = table(tmp_path, DEG)
     columns, asked, shown = texts_of(path)
@@ -71,7 +54,9 @@ def test_samples_without_a_value_are_left_out_by_a_line_that_is_offered(tmp_path
     holes = DEG | {"pos_deg": np.where(np.arange(len(TIME)) < 20, np.nan, DEG["pos_deg"])}
     path = table(tmp_path, {"t": TIME, **holes})
     columns = texts_of(path)[0]
-    with pytest.raises(LogError, match=r"no value in 20 samples, the first in row 1; .*`where: known\(pos_deg\)`"):
+    with pytest.raises(
+        LogError, match=r"no value in 20 samples, the first in row 1; .*`where: known\(pos_deg\*pi/180\)`"
+    ):
         import_logs(path, tmp_path / "log", Mapping(columns))
     done = import_logs(path, tmp_path / "log", Mapping(columns, where="known(pos_deg)"))
     assert len(done.files[0].read_text().splitlines()) == len(TIME) - 20 + 1
@@ -146,69 +131,6 @@ LOAD = {"mass": 0.5, "length": 0.1}
 BENCH = {"robot": "bench", "robot_params": LOAD, "actuators": {"joint": "sts3215"}}
 
 
-def test_a_second_import_into_a_folder_keeps_what_its_file_says(tmp_path: Path) -> None:
-    """It got the machine of the first one, whose log.yaml was there already."""
-    out = tmp_path / "log"
-    imported(tmp_path, "a", out, **BENCH, group="low", machine="first")
-    before = (out / "log.yaml").read_text()
-    own = imported(tmp_path, "b", out, **BENCH | {"robot_params": LOAD | {"mass": 1.5, "arm_mass": 0.02}})
-    imported(tmp_path, "c", out, **BENCH | {"actuators": {"joint": "ideal"}}, units={"joint.velocity": "deg/s"})
-    a, b, c = read_measured(out).runs
-    assert (a.robot_params["mass"], b.robot_params, c.robot_params) == (
-        0.5,
-        {**LOAD, "mass": 1.5, "arm_mass": 0.02},
-        LOAD,
-    )
-    assert [run.actuators["joint"] for run in (a, b, c)] == ["sts3215", "sts3215", "ideal"]
-    assert [run.meta.get("group") for run in (a, b, c)] == ["low", None, None], "nobody said their group"
-    assert b.meta["machine"] == "first" and "units" not in b.meta and c.meta["units"] == {"joint.velocity": "deg/s"}
-    assert "length" not in own.read_text() and (out / "log.yaml").read_text() == before
-
-
-def test_what_a_second_import_leaves_open_holds_as_the_folder_says_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "log"
-    imported(tmp_path, "a", out, **BENCH)
-    path = table(tmp_path, {"t": TIME, **DEG}, "b.csv")
-    assert main(["import", str(path), f"out={out}", "yes=true"]) == 0
-    assert "Fill in" not in capsys.readouterr().out
-    assert read_measured(out).runs[1].robot_params == LOAD
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "sentence"),
-    [
-        (BENCH, BENCH | {"robot": "hopper"}, "says robot bench of every log"),
-        (BENCH | {"robot_params": LOAD | {"arm_mass": 0.1}}, BENCH, r"says robot_params\.arm_mass of every log"),
-        (BENCH | {"actuators": {"joint": "ideal", "elbow": "ideal"}}, BENCH, r"says actuators\.elbow of every log"),
-        (BENCH | {"units": {"joint.position": "deg"}}, BENCH, r"says units\.joint\.position of every log"),
-    ],
-)
-def test_what_no_sidecar_takes_back_is_refused_before_anything_is_written(
-    first: dict[str, object], second: dict[str, object], sentence: str, tmp_path: Path
-) -> None:
-    out = tmp_path / "log"
-    imported(tmp_path, "a", out, **first | {"actuators": {"joint": "ideal"}})
-    (out / "log.yaml").write_text(json.dumps(first))
-    there = sorted(out.iterdir())
-    with pytest.raises(LogError, match=rf"log\.yaml .*{sentence}.* import it into a folder of its own\.$"):
-        imported(tmp_path, "b", out, **second)
-    assert sorted(out.iterdir()) == there
-
-
-def test_an_import_says_nothing_of_logs_that_were_there_before(tmp_path: Path) -> None:
-    """The log.yaml that it wrote gave them its own group and load."""
-    out = tmp_path / "log"
-    imported(tmp_path, "a", out, **BENCH)
-    own = (out / "log.yaml").read_text()
-    (out / "log.yaml").rename(out / "a.yaml")
-    imported(tmp_path, "b", out, **BENCH | {"robot_params": LOAD | {"arm_mass": 0.1}}, group="high")
-    a, b = read_measured(out).runs
-    assert a.robot_params == LOAD and "group" not in a.meta and (out / "a.yaml").read_text() == own
-    assert b.robot_params["arm_mass"] == 0.1 and b.meta["group"] == "high"
-
-
 def test_a_load_that_a_mapping_leaves_blank_is_given_by_the_call(tmp_path: Path) -> None:
     blank = Mapping({"time": "t"}, sidecar={"robot": "bench", "robot_params": None})
     assert answered(blank, tmp_path, None, None, LOAD, tmp_path).sidecar["robot_params"] == LOAD
@@ -232,16 +154,3 @@ def test_a_mass_that_is_a_word_is_told_at_the_import(tmp_path: Path, capsys: pyt
     (tmp_path / "run.json").write_text(json.dumps({"mass": "heavy", "length": 0.1, "entries": entries}))
     assert main(["import", str(tmp_path / "run.json"), f"out={tmp_path / 'log'}", "yes=true"]) == 2
     assert "robot_params.mass must be a finite number, not 'heavy'" in one_line(capsys)
-
-
-def test_cells_with_their_unit_and_sample_periods_are_read(tmp_path: Path) -> None:
-    columns = {"t": TIME, **DEG}
-    lines = table(tmp_path, columns).read_text().splitlines()
-    cells = (line.split(",") for line in lines[1:])
-    text = "".join(f"{t} s,{float(g):.3f} deg,{float(q):.3f}°\n" for t, g, q in cells)
-    (tmp_path / "units.csv").write_text("t,goal,pos\n" + text)
-    texts, asked, _ = texts_of(tmp_path / "units.csv")
-    assert texts["joint.goal"] == "`goal [deg]`*pi/180" and texts["time"] == "`t [s]`" and not asked
-    path = table(tmp_path, {"dt_ms": 10.0 + 0 * TIME, **DEG}, "dt.csv")
-    texts, asked, _ = texts_of(path)
-    assert texts["time"] == "cumsum(dt_ms)*1e-3" and not asked

@@ -14,29 +14,22 @@ import yaml
 from ....common.atomic import write_text
 from ....common.errors import nearest
 from ..sidecar import FOLDER_DEFAULTS, beside
-from ..types import LogError, MeasuredRun
-from ..writer import in_the_way, is_written, write_run
-from .claims import claims_of
+from ..table import ENDINGS
+from ..types import LogError
+from ..writer import write_run
 from .dialects import dialects
-from .expression import column
-from .lines import ASK
 from .mapping import Mapping, converted, ended, lacking, read_mapping
-from .one_run import check_runs, paired
-from .positions import PERCENT
 from .proposal import Proposal, proposal_text, propose
-from .readers import read_recordings, read_source
+from .readers import check_runs, paired, read_recordings, read_source
 from .recording import FEWEST_RECORDED, Recording
-from .robot import Robot, asked_robot, has_model, robot_of
 from .sidecars import (
     answered,
     asked_chain,
-    beyond,
+    asked_robot,
     blanks,
-    check_machine,
-    completed,
     folder_and_own,
     proposed_sidecar,
-    said_before,
+    robot_of,
     text_with_blanks,
 )
 
@@ -79,20 +72,16 @@ class Imported:
     """What an import wrote.
 
     Attributes:
-        files: tables, each with its sidecar; those that were there already, too.
+        files: tables, each with its sidecar.
         missing: keys of the sidecar that must be filled in.
         left: recordings that were not imported, with the reason.
         sidecar: of the folder.
-        far: sentences on columns far outside the range of their joint.
-        unmodelled: word for a robot that names no model, empty where there is one.
     """
 
     files: tuple[Path, ...]
     missing: tuple[str, ...]
     left: tuple[str, ...]
     sidecar: Path
-    far: tuple[str, ...] = ()
-    unmodelled: str = ""
 
 
 def propose_for(
@@ -126,36 +115,22 @@ def propose_for(
     left = [f"{one.name} has other columns than {name}; import it on its own" for one in rest] + without
     known = dialects(dialect)
     proposal = propose(recordings, unit, machine.slides, known, machine.joints)
-    machine.check_shares([name.rpartition(".")[0] for name, one in proposal.columns.items() if one.unit == PERCENT])
     sidecar = proposed_sidecar(
         recordings, proposal, beside(machine.word, out),
         asked_chain(actuator, out, proposal.joints, lambda: recordings[0]),
-        params, machine.limits, claims_of(recordings[0], known),
+        params,
     )  # fmt: skip
-    text = proposal_text(proposal, sidecar, recordings, command, left, _far(proposal, recordings, machine))
+    text = proposal_text(proposal, sidecar, recordings, command, left)
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))
 
 
-def _far(proposal: Proposal, recordings: Sequence[Recording], machine: Robot) -> tuple[str, ...]:
-    """A sentence for each column that a proposal puts far outside its joint's range."""
-    sure = {name: one for name, one in proposal.columns.items() if one.trust != ASK and one.unit != PERCENT}
-    sure = {name: one for name, one in sure.items() if name.rpartition(".")[0] in machine.ranges}
-    return machine.far(
-        (name, column(one.text, run.known_names(), str(run.source), run.length))
-        for run in recordings
-        for name, one in sure.items()
-    )
-
-
 def _certain(proposal: Proposal, sidecar: dict[str, Any]) -> Mapping:
     certain = proposal.certain()
-    kept = dict(sidecar)
-    if isinstance(kept.get("actuators"), dict):
-        kept["actuators"] = {joint: chain for joint, chain in kept["actuators"].items() if joint in certain.joints}
-    if isinstance(kept.get("units"), dict):
-        kept["units"] = {name: unit for name, unit in kept["units"].items() if name in certain.columns}
-    return replace(certain.mapping(), sidecar=kept)
+    kept = {*certain.joints, *certain.columns}
+    own = {key: {name: one for name, one in sidecar[key].items() if name in kept}
+           for key in ("actuators", "units") if key in sidecar}  # fmt: skip
+    return replace(certain.mapping(), sidecar=sidecar | own)
 
 
 def _alike(recordings: list[Recording]) -> list[Recording]:
@@ -190,12 +165,7 @@ def _read(source: Path, joints: Collection[str]) -> tuple[list[Recording], list[
 def import_logs(
     source: Path, out: Path, mapping: Mapping, format: str | None = None, recordings: Sequence[Recording] | None = None
 ) -> Imported:
-    """Write the recordings of a source as measured logs; nothing that is there is overwritten.
-
-    A log of the same recording that is there as this import would write it is left so: an import that was interrupted
-    goes on. Where a name is taken by anything else, nothing is written.
-
-    A ``log.yaml`` that is there stays as it is: what the recordings say otherwise goes into sidecars of their own.
+    """Write the recordings of a source as measured logs into a folder that has none; nothing is overwritten.
 
     Args:
         source: file or folder.
@@ -205,7 +175,7 @@ def import_logs(
         recordings: of the source, where they are read already.
 
     Raises:
-        LogError: a question is open, a column is missing, a value is none that a log may have, or a target exists.
+        LogError: a question is open, a column is missing, a value is none that a log may have, or the folder has logs.
     """
     if mapping.questions:
         asked = mapping.questions[0]
@@ -224,56 +194,23 @@ def import_logs(
         names = ", ".join(f"{name}{nearest(name, has)}" for name in sorted(lacking(mapping, found[0])))
         raise LogError(f"{found[0].source}: the mapping takes {names}, which it does not have; correct the mapping.")
     left = [f"{one.name} does not have the columns of the mapping" for one in found if one not in fitting] + without
-    runs = [converted(mapping, recording) for recording in fitting]
-    out = Path(out)
-    said, sidecar = said_before(out), out / FOLDER_DEFAULTS
-    whole = [completed(run, said or {}) for run in runs]
-    check_machine(whole, runs)
-    machine = robot_of(whole[0].robot, out)
-    for run in whole:
-        robot_of(run.robot, out).check_file(run.name)
-        machine.check_joints(run.name, run.joints)
-    far = machine.far(
-        (name, values)
-        for run in whole
-        for name, values in run.columns().items()
-        if (run.meta.get("units") or {}).get(name, "rad") in ("rad", "m")
-    )
-    shared, own = folder_and_own(runs) if said is None else ({}, [beyond(run, said, out) for run in runs])
-    missing = blanks(whole)
-    there = _there(runs, own, out)
-    left += [f"{run.name} is in {out} already" for run in runs if run.name in there]
+    runs, out = [converted(mapping, recording) for recording in fitting], Path(out)
+    for run in runs:
+        robot_of(run.robot, out).check(run.name, run.joints)
+    sidecar = out / FOLDER_DEFAULTS
+    there = sorted(path for path in out.glob("*") if path.suffix in ENDINGS or path.name == FOLDER_DEFAULTS)
+    if there:
+        raise LogError(
+            f"{there[0]}: exists already, and a recording is never overwritten; import into a folder of its own, or "
+            "several recordings at once. Nothing was written."
+        )
+    shared, own = folder_and_own(runs)
+    missing = blanks(runs)
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
     out.mkdir(parents=True, exist_ok=True)
-    if not sidecar.exists() and (shared or missing):  # before the logs, which it describes
+    if shared or missing:  # before the logs, which it describes
         write_text(sidecar, text_with_blanks(shared, missing))
-    files = []
-    for run, content in zip(runs, own, strict=True):
-        text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-        files.append(there.get(run.name) or write_run(run, out, format, text))
-    unmodelled = next((run.robot for run in whole if run.robot and not has_model(run.robot)), "")
-    return Imported(tuple(files), tuple(missing), tuple(left), sidecar, far, unmodelled)
-
-
-def _there(runs: Sequence[MeasuredRun], own: Sequence[dict[str, Any]], out: Path) -> dict[str, Path]:
-    """Logs of a folder that are what an import would write, by name.
-
-    Raises:
-        LogError: a name is taken by another log, or all of them are there.
-    """
-    there: dict[str, Path] = {}
-    for run, content in zip(runs, own, strict=True):
-        if file := is_written(run, out, content):
-            there[run.name] = file
-        elif first := in_the_way(run, out, content):
-            raise LogError(
-                f"{first}: exists already, not as this import of {run.source} would write it, and a recording is never "
-                "overwritten; choose another name or folder. Nothing was written."
-            )
-    if len(there) == len(runs):
-        all_of = f"all {len(runs)} of these logs" if len(runs) > 1 else f"this log, {runs[0].name},"
-        raise LogError(
-            f"{out}: has {all_of} already, and a recording is never overwritten; choose another folder to import again."
-        )
-    return there
+    texts = [yaml.safe_dump(content, sort_keys=False, allow_unicode=True) for content in own]
+    files = tuple(write_run(run, out, format, text) for run, text in zip(runs, texts, strict=True))
+    return Imported(files, tuple(missing), tuple(left), sidecar)

@@ -9,12 +9,11 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from ..types import COMMANDS, OTHER, SIGNAL_UNITS, TOLD
+from ..types import SIGNAL_UNITS
 from .dialects import Dialect, claimed
-from .expression import quoted
 from .names import Claim, is_a, said
 from .recording import Recording
-from .units import measure, measures, unit_of
+from .units import measures, unit_of
 
 ONLY_JOINT = "joint"
 """What a joint is called that nothing names, and a number without a name is of."""
@@ -22,10 +21,11 @@ MOVES = ("position", "goal", "velocity")
 ANGLES = ("position", "goal")
 OF_A_MOTOR = frozenset(["torque", "torque_command", "current", "voltage", "temperature", "duty", "load", "enabled"])
 """Signals of a motor that are of its joint, too; a motor's angle and speed are before a gear."""
-ARM = re.compile(r"(?:(.*)_)?(?:(leader|master)|(follower|puppet|slave))_?(.*)", re.IGNORECASE)
-"""Arms of which one is led by hand and the other follows it."""
-BEFORE = re.compile(r"(?<![A-Za-z0-9.])(?P<number>\d+(?:_\d+)?)(?P<unit>[A-Za-zµμ°]{2,})(?![A-Za-z0-9])")
+BEFORE = re.compile(r"(?<![A-Za-z0-9.])\d+(?:_\d+)?(?P<unit>[A-Za-zµμ°]{2,})(?![A-Za-z0-9])")
 """``current_5mA``: a unit with its number, or of joint 5."""
+
+AS_A_LOG = re.compile(rf"([^.]+)\.({'|'.join(SIGNAL_UNITS)})")
+"""A column as a log calls it: ``<joint>.<signal>``."""
 
 Groups = dict[str, dict[str, list[Claim]]]
 """Claims by joint and signal."""
@@ -40,14 +40,12 @@ class Claimed:
         nobodys: columns that nobody claims.
         aside: why a column is none of a log.
         claims: of all columns, by name.
-        renamed: words that logs reserve, by the joint's name here.
     """
 
     groups: Groups = field(default_factory=dict)
     nobodys: list[str] = field(default_factory=list)
     aside: dict[str, str] = field(default_factory=dict)
     claims: dict[str, Claim] = field(default_factory=dict)
-    renamed: dict[str, str] = field(default_factory=dict)
 
 
 def plain(joint: str) -> str:
@@ -60,68 +58,19 @@ def claims_of(recording: Recording, known: Sequence[Dialect]) -> dict[str, Claim
     of_dialect = claimed(recording, known)
     out: dict[str, Claim] = {}
     for column in recording.columns:
-        joint, name = recording.parts.get(column, ("", column))
-        claim = of_dialect.get(column) or replace(said(name), column=column)
-        if joint:
-            claim = replace(claim, joint=joint, sure=True)
+        claim = of_dialect.get(column) or replace(said(column), column=column)
+        if not claim.sure and (match := AS_A_LOG.fullmatch(column)) and match[2] == claim.signal:
+            claim = replace(claim, joint=match[1], sure=True)
         if role := recording.roles.get(column, ""):
             joint, _, signal = role.rpartition(".")
             claim = replace(claim, signal=signal, joint=joint, aside="", by="the format", sure=True, how="")
         if unit := recording.units.get(column, ""):
             by = "the format" if role else "the file"
             claim = replace(claim, unit=unit, by=by)
+        if ask := recording.asks.get(column, ""):
+            claim = replace(claim, ask=ask if role else "", aside="" if role else ask)
         out[column] = claim
-    return _derivatives(_led(out))
-
-
-def _led(claims: dict[str, Claim]) -> dict[str, Claim]:
-    """An arm that is led by hand is the goal of the one that follows it, where that has no other."""
-    arms = {column: match for column, claim in claims.items() if (match := ARM.fullmatch(claim.joint))}
-    joints = {column: beside(match) for column, match in arms.items()}
-    led = {joints[column] for column, match in arms.items() if match[2]}
-    led &= {joints[column] for column, match in arms.items() if match[3]}
-    follows = [(joints[column], claims[column].signal) for column, match in arms.items() if match[3]]
-    out = dict(claims)
-    for column, match in arms.items():
-        claim, joint = claims[column], joints[column]
-        if joint not in led:
-            continue
-        signal, aside = claim.signal, claim.aside
-        if match[2]:
-            leads = signal in ("", "position") and (joint, "goal") not in follows
-            aside = "" if leads else f"{signal or 'position'} of the arm that leads".replace("_", " ")
-            signal = "goal" if leads else ""
-        elif not signal and not {(joint, "goal"), (joint, "position")} & set(follows):
-            signal = "position"
-        out[column] = replace(claim, signal=signal, joint=joint, aside=aside, how=claim.how or match[2] or match[3])
     return out
-
-
-def beside(match: re.Match[str]) -> str:
-    """The joint's name without the arm's."""
-    rest = "_".join(part for part in (match[1], match[4]) if part)
-    return f"{ONLY_JOINT}{rest}" if rest.isdigit() else rest
-
-
-def _derivatives(claims: dict[str, Claim]) -> dict[str, Claim]:
-    """``qd`` is the wanted angle beside a velocity, the velocity beside a goal, and else a question."""
-    open_ones = [claim for claim in claims.values() if claim.how == "qd" and claim.signal == "position"]
-    for claim in open_ones:
-        own = {
-            other.signal
-            for other in claims.values()
-            if plain(other.joint) == plain(claim.joint) and other not in open_ones
-        }
-        signal, ask = "goal", ""
-        if own & {"goal", "torque_command"} and "velocity" not in own:
-            signal = "velocity"
-        elif "velocity" not in own:
-            ask = (
-                "is this the wanted angle, or the derivative of the position? The line has it as the goal; the "
-                "derivative is <joint>.velocity"
-            )
-        claims[claim.column] = replace(claim, signal=signal, ask=ask)
-    return claims
 
 
 def placed(recording: Recording, known: Sequence[Dialect], skipped: Iterable[str]) -> Claimed:
@@ -150,28 +99,23 @@ def placed(recording: Recording, known: Sequence[Dialect], skipped: Iterable[str
             out.nobodys.append(claim.column)
     for claim in _with_joints(_factors(found)):
         out.groups.setdefault(claim.joint, {}).setdefault(claim.signal, []).append(claim)
-    _unnamed_positions(out)
     _join_names(out)
     return out
 
 
-# --- what stands beside a unit ---------------------------------------------------------------------------------------
-
-
 def _factors(found: list[Claim]) -> list[Claim]:
-    """A number at a unit is no joint's where no position has it, and may be a factor where all have the same one."""
+    """A number at a unit that no position has as its joint's, or the power of ten of the only joint, may be a factor:
+    such a unit is asked about."""
     moving = {claim.joint for claim in found if claim.signal in ANGLES}
-    only = next(iter(moving)) if len(moving) == 1 else ""
-    power = re.fullmatch(rf"{ONLY_JOINT}(10+)|(e\d+)", only)
-    alike = bool(power) and all(claim.unit for claim in found if claim.joint == only)
+    power = re.fullmatch(rf"{ONLY_JOINT}10+|e\d+", next(iter(moving))) if len(moving) == 1 else None
+    alike = power and all(claim.unit for claim in found if claim.joint == power[0])
     out = []
     for claim in found:
         match = BEFORE.search(claim.column)
         if not claim.sure and match and claim.joint not in moving and unit_of(match["unit"]) == claim.unit:
-            whole = f"{match['number']} {claim.unit}"
-            claim = replace(claim, joint="", unit=whole if measure(whole) else match[0])
-        elif power and alike and claim.joint == only and not claim.sure:
-            claim = replace(claim, joint="", unit=f"{claim.unit} {power[1] or power[2]}")
+            claim = replace(claim, joint="", unit=match[0])
+        elif power and alike and claim.joint == power[0] and not claim.sure:
+            claim = replace(claim, joint="", unit=f"{claim.unit} {power[0].removeprefix(ONLY_JOINT)}")
         out.append(claim)
     return out
 
@@ -198,23 +142,11 @@ def _with_joints(found: list[Claim]) -> Iterable[Claim]:
         yield replace(claim, joint=joint, rest=rest)
 
 
-def _unnamed_positions(out: Claimed) -> None:
-    """A column that is called as a joint with a command, and no more, is its position."""
-    for joint, signals in out.groups.items():
-        called = [name for name in out.nobodys if joint and out.claims[name].joint == joint]
-        if "position" not in signals and called and signals.keys() & {*COMMANDS}:
-            out.nobodys.remove(called[0])
-            signals["position"] = [replace(out.claims[called[0]], signal="position")]
-
-
 def _join_names(out: Claimed) -> None:
     """Joints that are one by their names under one, and a name for the one that has none beside others."""
     out.groups = renamed(out.groups, _owners(out.groups))
-    names = {}
-    if len(out.groups) > 1 and "position" in out.groups.get("", {}) and ONLY_JOINT not in out.groups:
-        names[""] = ONLY_JOINT
-    out.renamed = {f"{joint}_{ONLY_JOINT}": joint for joint in OTHER if joint in out.groups}
-    out.groups = renamed(out.groups, names | {joint: name for name, joint in out.renamed.items()})
+    alone = len(out.groups) > 1 and "position" in out.groups.get("", {}) and ONLY_JOINT not in out.groups
+    out.groups = renamed(out.groups, {"": ONLY_JOINT} if alone else {})
 
 
 def renamed(groups: Groups, names: Mapping[str, str]) -> Groups:
@@ -270,7 +202,7 @@ def ranked(signal: str, claims: Sequence[Claim]) -> list[Claim]:
         return (
             signal == "position" and not (claim.unit in ("", "?", "tick", "%") or measures(claim.unit, "angle", "way")),
             not claim.sure, is_a("filtered", *words), claim.unit in ("tick", "%"),
-            signal == "goal" and is_action(claim),
+            bool(claim.ask), signal == "goal" and is_action(claim),
             signal == "goal" and bool(words & {"planned", "interpolated", "ipo"}),
             signal == "current" and bool(supply), signal == "current" and not words & {"q", "iq"},
             len(claim.column),
@@ -283,46 +215,3 @@ def is_action(claim: Claim) -> bool:
     """Whether a name says the action of a policy, and no goal."""
     actions = {"action", "actions"}
     return bool(claim.words & actions) and not is_a("commanded", *(claim.words - actions))
-
-
-# --- lists of a bag that name no joints, beside joints that the format names: whose each of their places is ----------
-
-
-PLACE = re.compile(r"(.+)\[(\d+)\]")
-LIST_ORDER = (
-    "whose are the places of {} and of the columns beside it? The list names no joints. The lines have them in the "
-    "order of the positions: exchange columns where its controller has another order"
-)
-
-
-def lists_of(run: Recording) -> dict[str, list[str]]:
-    """Columns of lists whose format names the joints of other columns, by the list's name, in order."""
-    found: dict[str, dict[int, str]] = {}
-    named = any(role.endswith(".position") for role in run.roles.values())
-    for name in run.columns if named else ():
-        match = PLACE.fullmatch(name)
-        if match and name not in run.roles and said(name).signal in (*SIGNAL_UNITS, "load"):
-            found.setdefault(match[1], {})[int(match[2])] = name
-    return {stem: [own[k] for k in sorted(own)] for stem, own in found.items() if sorted(own) == list(range(len(own)))}
-
-
-def put_lists(lists: dict[str, list[str]], out: Claimed, run: Recording) -> None:
-    """Put lists of commands that have as many places as joints lack one to these joints, in their order, which is asked
-    about; others are left out.
-
-    Args:
-        lists: columns by name.
-        out: claims, to which these are added.
-        run: the recording.
-    """
-    for columns in lists.values():
-        signal = said(columns[0]).signal
-        free = [joint for joint, own in out.groups.items() if own.get("position") and not own.get(signal)]
-        if len(columns) == len(free) and signal in TOLD:
-            for joint, column in zip(free, columns, strict=True):
-                unit, ask = run.units.get(column, "") or said(column).unit, LIST_ORDER.format(quoted(columns[0]))
-                out.groups[joint][signal] = [replace(said(column), ask=ask, unit=unit)]
-            continue
-        for column in columns:
-            why = f"and nothing tells whose: write <joint>.{signal}: {quoted(column)} where you know it"
-            out.aside[column] = f"{signal} of a list that names no joints, {why if free else 'which all have one'}"

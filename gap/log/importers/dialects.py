@@ -7,7 +7,7 @@ file under the entry point group ``sealegs.dialects``.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -17,7 +17,7 @@ from ....common.documents import DocumentError, read_yaml
 from ....common.errors import nearest
 from ..sidecar import check_keys
 from ..types import SIGNAL_UNITS, LogError
-from .expression import evaluate, quoted, signed_reading
+from .expression import evaluate, quoted, shows_sign
 from .names import Claim, said
 from .recording import Recording
 from .units import unit_of
@@ -65,14 +65,12 @@ class Dialect:
 
     Attributes:
         title: of the tool, for people.
-        about: what it is, with its source.
         kind: of the files, where a format alone tells it.
         needs: names of which each must be among the columns.
         rows: the first that has a column's name claims it.
     """
 
     title: str
-    about: str
     kind: str
     needs: tuple[re.Pattern[str], ...]
     rows: tuple[Row, ...]
@@ -113,8 +111,8 @@ def read_dialect(path: Path) -> Dialect:
     check_keys(content, KEYS, f"{path}")
     needs = tuple(_pattern(text, f"{path}: needs") for text in content.get("needs") or [])
     title = str(content.get("title") or path.stem)
-    return Dialect(title, str(content.get("about") or ""), str(content.get("kind") or ""), needs,
-                   tuple(_row(row, f"{path}: row {k}") for k, row in enumerate(rows, 1)))  # fmt: skip
+    own = tuple(_row(row, f"{path}: row {k}") for k, row in enumerate(rows, 1))
+    return Dialect(title, str(content.get("kind") or ""), needs, own)
 
 
 def _pattern(text: Any, where: str) -> re.Pattern[str]:
@@ -131,63 +129,55 @@ def _row(content: Any, where: str) -> Row:
     if not isinstance(content, dict) or "name" not in content:
         raise LogError(f"{where} must be a mapping with the key name.")
     check_keys(content, ROW, where)
-    signal, aside, unit, formula, bit = (content.get(key) for key in ("signal", "aside", "unit", "formula", "sign_bit"))
-    if (signal is None) == (aside is None):
+    said = {key: str(content.get(key) or "") for key in ROW}
+    unit, bit, formula = said["unit"], content.get("sign_bit"), said["formula"]
+    if bool(said["signal"]) == bool(said["aside"]):
         raise LogError(f"{where} needs either signal, what the column is, or aside, why it is left out.")
-    if signal is not None and signal not in SIGNALS:
-        raise LogError(
-            f"{where}: unknown signal '{signal}'{nearest(str(signal), SIGNALS)}; there are {', '.join(SIGNALS)}."
-        )
-    if unit and unit != "?" and not unit_of(str(unit)):
+    if said["signal"] and said["signal"] not in SIGNALS:
+        meant = nearest(said["signal"], SIGNALS)
+        raise LogError(f"{where}: unknown signal '{said['signal']}'{meant}; there are {', '.join(SIGNALS)}.")
+    if unit and unit != "?" and not unit_of(unit):
         raise LogError(f"{where}: the unit '{unit}' is none that is known; give a formula, such as '{{}}*0.01'.")
-    if bit is not None and (isinstance(bit, bool) or not isinstance(bit, int)):
+    if bit is not None and type(bit) is not int:
         raise LogError(f"{where}: sign_bit must be the number of a bit, counted from 0, not {bit!r}.")
-    if formula is not None:
-        try:
-            evaluate(str(formula).replace("{}", "x"), {"x": 1.0}, where)
-        except LogError:
-            raise LogError(
-                f"{where}: the formula '{formula}' is no expression of {{}}, the column; correct it."
-            ) from None
-    beside = content.get("not_beside")
-    return Row(
-        _pattern(content["name"], where), signal=str(signal or ""), joint=str(content.get("joint") or ""),
-        unit=unit_of(str(unit)) if unit and unit != "?" else str(unit or ""), formula=str(formula or ""), sign_bit=bit,
-        aside=str(aside or ""), ask=str(content.get("ask") or ""),
-        not_beside=_pattern(beside, where) if beside else None,
-    )  # fmt: skip
+    try:
+        evaluate(formula.replace("{}", "x") or "x", {"x": 1.0}, where)
+    except LogError:
+        raise LogError(f"{where}: the formula '{formula}' is no expression of {{}}, the column; correct it.") from None
+    beside = _pattern(said["not_beside"], where) if said["not_beside"] else None
+    own = {key: said[key] for key in ("signal", "joint", "formula", "aside", "ask")}
+    unit = unit if unit == "?" else unit_of(unit)
+    return Row(_pattern(said["name"], where), unit=unit, sign_bit=bit, not_beside=beside, **own)
 
 
 def claimed(recording: Recording, known: Sequence[Dialect]) -> dict[str, Claim]:
     """What dialects say of the columns of a recording; the first that claims a column has it."""
-    names = {column: recording.parts.get(column, ("", column))[1] for column in recording.columns}
-    speaking = [dialect for dialect in known if dialect.speaks(recording, list(names.values()))]
+    names = list(recording.columns)
+    speaking = [dialect for dialect in known if dialect.speaks(recording, names)]
     out: dict[str, Claim] = {}
-    for column, name in names.items():
+    for column in names:
         for dialect in speaking:
-            found = next(
-                (claim for row in dialect.rows if (claim := _claim(row, column, name, recording, names))), None
-            )
+            found = next((claim for row in dialect.rows if (claim := _claim(row, column, recording, names))), None)
             if found:
                 out[column] = replace(found, by=dialect.title)
                 break
     return out
 
 
-def _claim(row: Row, column: str, name: str, recording: Recording, names: Mapping[str, str]) -> Claim | None:
-    match = row.name.fullmatch(name)
+def _claim(row: Row, column: str, recording: Recording, names: Sequence[str]) -> Claim | None:
+    match = row.name.fullmatch(column)
     if match is None:
         return None
     text = quoted(column)
     if row.sign_bit is not None:
         text = f"sign_bit({text}, {row.sign_bit})"
-        if signed_reading(column, recording.columns[column]) != text:
+        if not shows_sign(recording.columns[column], row.sign_bit):
             return None
     formula = row.formula.replace("{}", text) if row.formula else ""
     place = match.groupdict()
     joint = row.joint.replace("{k}", place.get("k") or "") or re.sub(r"\W+", "_", place.get("joint") or "").strip("_")
     own = row.not_beside
-    beside = own is not None and any(own.fullmatch(other) for one, other in names.items() if one != column)
+    beside = own is not None and any(own.fullmatch(other) for other in names if other != column)
     aside = row.aside or (f"{row.signal.replace('_', ' ')} beside one that goes before it" if beside else "")
     return Claim(column, "" if aside else row.signal, row.unit, joint, aside, how=row.signal, formula=formula,
-                 ask=row.ask, words=said(name).words, sure=bool(joint))  # fmt: skip
+                 ask=row.ask, words=said(column).words, sure=bool(joint))  # fmt: skip

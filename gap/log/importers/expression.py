@@ -22,8 +22,6 @@ PLAIN = re.compile(r"[A-Za-z_][\w.\[\]]*")
 """Names that need no backquotes: words, with the dots and indices of flattened fields."""
 NAMES = re.compile(rf"`([^`]+)`|(?<![\w.])({PLAIN.pattern})(\s*\()?")
 COUNTER_BITS = (8, 16, 24, 32)  # [bit]
-SIGN_BITS = (10, 15)
-"""Bits that servos keep a sign in: of a load or a duty, of a speed or a current."""
 STEADIER_SHARE = 0.4
 """Share of the longest jump of its counts that a register with a sign has at most once that is read."""
 LONGEST_EXPRESSION, DEEPEST_NESTING = 20_000, 50
@@ -71,25 +69,13 @@ def sign_bit(counts: Any, bit: Any) -> Array:
     return np.where(cells >= sign, sign - cells, cells)
 
 
-def signed_reading(name: str, values: Array) -> str:
-    """Expression that reads a register with its sign, where its counts go on without long jumps then; else empty.
-
-    Args:
-        name: of the column.
-        values: of it (n,), whole numbers from 0 on.
-    """
-    counts = values[np.isfinite(values)]
-    if len(counts) < 2 or (counts != np.round(counts)).any() or counts.min() < 0.0 or counts.max() >= 2.0**16:
-        return ""
-    bits = [bit for bit in SIGN_BITS if counts.max() < 2.0 ** (bit + 1)]
-    column = quoted(name)
-    ways = [f"sign_bit({column}, {bit})" for bit in bits] + [f"signed16({column})"] * int(counts.max() >= 2.0**15)
-
-    def jump(text: str) -> float:
-        return float(np.abs(np.diff(evaluate(text, {name: counts}, name))).max())
-
-    best = min(ways, key=jump, default="")
-    return best if best and jump(best) < STEADIER_SHARE * jump(column) else ""
+def shows_sign(counts: Array, bit: int) -> bool:
+    """Whether counts of a register (n,) go on without their long jumps where a bit is read as their sign."""
+    known = counts[np.isfinite(counts)]
+    if len(known) < 2 or (known != np.round(known)).any() or known.min() < 0.0 or known.max() >= 2.0 ** (bit + 1):
+        return False
+    plain, signed = (float(np.abs(np.diff(values)).max()) for values in (known, sign_bit(known, bit)))
+    return signed < STEADIER_SHARE * plain
 
 
 CONSTANTS = {"pi": math.pi}

@@ -1,20 +1,21 @@
-"""Lines of a mapping: from the unit that a foreign column is in to that of the log; what is said, what must be
-asked."""
+"""Lines of a mapping: from the unit that a foreign column is in to that of the log, said, shown by motion, or asked."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..types import MIN_CHANGES, READING_SHARE, SIGNAL_UNITS, Array
-from .expression import names_in, quoted, signed_reading
-from .motion import LONGEST_LAG, MOTION_WINDOW, Relation, move_apart, span, whole_numbers
-from .names import Claim, words_of
+from ..types import SIGNAL_UNITS, Array, LogError
+from .expression import names_in, quoted
+from .motion import LONGEST_LAG, MOTION_WINDOW, TURN_IN_UNIT, Relation, encoder, move_apart, span, whole_numbers
+from .names import Claim, is_a, words_of
+from .recording import LARGEST_EXACT
 from .units import TEMPERATURES, WORDS, measure, measures, unit_of
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
@@ -28,30 +29,45 @@ LARGEST_PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "v
 FULL_SHARE = 1.001
 DERIVATIVE_FIT = 0.7
 """Share of a motion that the derivative of the position explains, from which a velocity's size is compared."""
-SAME_UNIT, ROUGHLY_UNIT = math.log(1.05), math.log(1.3)
-"""A velocity is in the unit in which it is within the first factor of what the position does; within the second, it
-may be."""
-UNTIMED = (
-    "in which unit is this velocity? No name says it, and while the time is in question no derivative tells it. The "
-    "unit in the line is a guess: see it again once the time is known"
-)
+SAME_UNIT = math.log(1.05)
+"""A velocity is in the unit in which it is within this factor of what the position does."""
+UNTIMED = "in which unit is this velocity? No name says it, and while the time is in question no derivative tells it"
 ELECTRICAL = "how many pole pairs times gear ratio make these electrical rpm those of the joint? Divide by that number"
 
 COMPARED_FIT, FOLLOWED_FIT = 0.3, 0.5
 """Shares of a motion that a goal explains, from which their sizes are compared, and its delay tells something."""
 ANOTHER_UNIT = 5.0
 """Factor from which a goal may be in another unit than its position: rad and turns, the nearest two, are 6.3 apart."""
-SCALED_ACTIONS, ACTION_OFFSET = 1.5, 0.3
-"""Times as far as the actions from which a joint follows scaled ones; share of a joint's range by which it stands
-beside them."""
-UNFOLLOWED = (
-    "is this the goal of the position beside it? The position does not move as it does. Keep the line if the joint "
-    "hardly follows it, or is moved by its load; else give another column, or remove it"
-)
 ACTIONS = (
-    "by which factor, and from which angle, do actions become goals? Positions do not move as far as the actions, or "
-    "stand elsewhere, as behind a policy whose actions are scaled and added to default angles: write <default angle> + "
-    "<factor>*<column> as the controller has them, or keep the column if it is the goal"
+    "are these actions of a policy the goals, or are they scaled and added to default angles? Keep the lines, or write "
+    "<default angle> + <factor>*<column> as the controller has them"
+)
+TICKS, PERCENT = "ticks", "percent"
+"""Words of ``unit=`` that no column is converted by alone: a turn and a zero, or a range belong to them."""
+STEPS_A_TURN, STEP_AT_ZERO = 4096, 2048
+"""Steps of a turn and the step at 0 rad that ``unit=ticks`` takes: of Feetech STS and Dynamixel X servos (their
+registers in hw/bus/registers), mounted with 0 rad in the middle (assumed)."""
+MOST_STEPS = 32768.0
+"""Steps that a register of 16 bits with a sign does not hold."""
+POSSIBLE = {"angle": ("rad", "deg", "mrad", "turn"), "way": ("m", "mm", "cm")}
+"""Units that are tried for a position of which none is said, by its quantity."""
+PLAIN_RAD, MOST_RAD = 2.2 * math.pi, 60.0
+"""An angle in rad without a turn to spare stays below the first; beyond the second it is hardly in rad."""
+MOST_WAY = 10.0  # [m]
+"""What a slide may travel before a name that ends in m is doubted."""
+STEPS = (
+    f"encoder steps of a servo (unit={TICKS}: {STEPS_A_TURN} a turn and {STEP_AT_ZERO} at 0 rad), degrees (unit=deg), "
+    "rad (unit=rad) or mm of a slide (unit=mm)? Servos with 1024 steps over 300 degrees (SCS, AX) need "
+    "(<column> - 512)*300/1024*pi/180"
+)
+SHARES = ", and that stay within 0 to 100"
+COUNTS = f"how many counts are a turn, and which one is 0 rad? {STEPS_A_TURN} and 0 stand in these lines"
+SHARE = (
+    "a share of the calibrated range, whose ends are low and high in rad (slide: m)? 0..100 is unit=percent beside "
+    "robot=<its file>, or low + <column>/100*(high - low)"
+)
+UNSAID = (
+    f"degrees (unit=deg), rad (unit=rad), turns (unit=turn), encoder steps (unit={TICKS}) or mm (unit=mm)? Or {SHARE}"
 )
 
 
@@ -77,11 +93,6 @@ class Line:
 
     def but(self, **changed: Any) -> Line:
         return replace(self, **changed)
-
-    def asking(self, why: str, ask: str, position: Line | None = None) -> Line:
-        """The line with one more question; that of its unit stays where the position does not ask it."""
-        own = self.trust == ASK and (position is None or self.ask != position.ask)
-        return self.but(trust=ASK, why=f"{self.why}; {why}", ask=f"{self.ask or self.why}. And {ask}" if own else ask)
 
     @property
     def behind(self) -> str:
@@ -132,6 +143,190 @@ def nearest_unit(factor: float, factors: Iterable[tuple[str, float]]) -> tuple[s
     return min(((unit, abs(math.log(factor / one))) for unit, one in factors), key=lambda found: found[1])
 
 
+# --- positions -------------------------------------------------------------------------------------------------------
+
+
+def bare(joint: str) -> str:
+    """A name without what is only spelling: ``joint_1``, ``Joint1`` and ``joint-1`` are the same."""
+    return re.sub(r"[\W_]", "", joint).lower()
+
+
+@dataclass(frozen=True, eq=False)
+class Position:
+    """A joint's position as it is in the file.
+
+    Attributes:
+        claim: on its column.
+        values: of the recording in which it moves most, (n,).
+        goals: of the same recording, each (n,).
+        slide: whether the joint is known to be a slide.
+    """
+
+    claim: Claim
+    values: Array
+    goals: tuple[Array, ...] = ()
+    slide: bool = False
+
+    @property
+    def low(self) -> float:
+        return float(np.nanmin(self.values))
+
+    @property
+    def high(self) -> float:
+        return float(np.nanmax(self.values))
+
+    @property
+    def far(self) -> float:
+        return max(abs(self.low), abs(self.high))
+
+    @property
+    def share(self) -> bool:
+        """Whether it stays within 0 to 100, but for 2 % of that, goes beyond 0 to 1, and shows no encoder."""
+        return self.low >= -2.0 and 2.0 < self.high <= 102.0 and encoder(self.values) is None
+
+    @property
+    def of_gripper(self) -> bool:
+        """Whether it may be the opening of a gripper, 0 to 1 or 0 to 100: nobody says its unit, and it shows no
+        encoder."""
+        named = is_a("gripper", *self.claim.words) and self.claim.unit in ("", "?", "%")
+        return named and (self.share or 0.0 <= self.low <= self.high <= FULL_SHARE) and encoder(self.values) is None
+
+    @property
+    def register(self) -> bool:
+        """Whether nobody says its unit, and it and its goals are whole numbers of a servo's register."""
+        of_steps = all(
+            whole_numbers(values) and float(np.nanmin(values)) >= 0.0 and float(np.nanmax(values)) < STEPS_A_TURN
+            for values in (self.values, *self.goals)
+        )
+        return of_steps and self.claim.unit in ("", "?", "tick") and not (self.claim.formula or self.slide)
+
+
+def position_line(one: Position, unit: str, by: str) -> Line:
+    """An angle or a way by the unit that somebody says or by the step of its encoder, else a question.
+
+    Args:
+        one: the position.
+        unit: that is said; ``?`` where the format leaves it open.
+        by: who says it.
+    """
+    if line := of_dialect(one.claim):
+        return line
+    name, shown, found = one.claim.column, reach(one.values), encoder(one.values)
+    whole = whole_numbers(one.values) and TURN_IN_UNIT["deg"] < span(one.values) < LARGEST_EXACT
+    says = f"{by} says {unit}; {shown}"
+    if unit == "m" and by == "the name" and span(one.values) > MOST_WAY:
+        ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
+        return in_unit(name, unit, ASK, says, ask)
+    if unit == "tick" or (unit in ("", "?") and whole):
+        return _counted(one)
+    if unit in ("rad", "deg") and found and found[0] != unit:
+        return in_unit(
+            name, found[0], ASK, f"{says}, but the steps of its values are a turn in {found[0]} by {found[1]}"
+        )
+    if unit == "rad" and one.far > MOST_RAD:
+        ask = f"degrees? Where lost samples reach so far, write `where: {MOST_RAD:g} - abs({quoted(name)})`"
+        return Line(quoted(name), "rad", ASK, says, f"{by} says rad, but it reaches {shown}: {ask}")
+    if measures(unit, *POSITION):
+        return in_unit(name, unit, SURE, says)
+    if found:
+        return in_unit(name, found[0], SURE, f"its steps are a turn in {found[0]} by {found[1]}; {shown}")
+    if told(unit) and unit != "%":
+        asked = f"{by} says {unit}, which is no unit of an angle or a way: write what makes it rad (slide: m)"
+        return in_unit(name, unit, ASK, says, asked)
+    if is_a("radian", one.claim.how.lower()) and not (unit or one.slide) and one.far <= PLAIN_RAD:
+        why = f"{one.claim.how!r} is a joint's angle, in rad by custom; {shown}"
+        return in_unit(name, "rad", LIKELY, why, open=True)
+    return _open(one)
+
+
+def _open(one: Position) -> Line:
+    """A question for the unit of a position; the line has the column as it stands."""
+    ask, unit = SHARE if one.claim.unit == "%" else UNSAID, "m" if one.slide else "rad"
+    return Line(quoted(one.claim.column), unit, ASK, f"no unit is said; {reach(one.values)}", ask, open=True)
+
+
+def _steps(one: Position, middle: int, trust: str, why: str, ask: str = "") -> Line:
+    """Steps of an encoder as an angle."""
+    column = quoted(one.claim.column)
+    text = f"({column} - {middle})*2*pi/{STEPS_A_TURN}" if middle else f"{column}*2*pi/{STEPS_A_TURN}"
+    return Line(text, "tick", trust, f"{why}; {reach(one.values)}", ask)
+
+
+def _counted(one: Position) -> Line:
+    """Steps of an encoder, asked about: those of a servo, or of a turn that nobody says."""
+    servo = one.low >= 0.0 and one.high < STEPS_A_TURN
+    return _steps(one, STEP_AT_ZERO * servo, ASK, "counts of an encoder", STEPS if servo else COUNTS)
+
+
+def by_velocity(line: Line, one: Position, velocity: Claim | None, goes: Relation | None) -> Line:
+    """A position of which a velocity in a unit that is said tells the unit.
+
+    Args:
+        line: of the position.
+        one: the position.
+        velocity: beside it.
+        goes: of the velocity against the derivative of the position; None where no time is known.
+    """
+    unit = per_second(velocity) if velocity else ""
+    rate = measures(unit, "rate", "speed")
+    if not line.open or goes is None or rate is None or goes.fit <= DERIVATIVE_FIT or goes.scale <= 0.0:
+        return line
+    known = {unit: measure(unit) for unit in POSSIBLE["way" if rate.quantity == "speed" else "angle"]}
+    best, off = nearest_unit(rate.factor * goes.scale, ((unit, size.factor) for unit, size in known.items() if size))
+    why = f"the velocity in {unit} is its derivative in {best}"
+    return in_unit(one.claim.column, best, SURE, why) if off < SAME_UNIT else line
+
+
+def position_lines(found: Sequence[Position], unit: str | None, source: Path) -> dict[str, Line]:
+    """Lines of all positions of a recording by their columns.
+
+    Args:
+        found: the positions.
+        unit: that ``unit=`` says of those whose unit is open; None where nobody did.
+        source: for the message.
+
+    Raises:
+        LogError: no column has a use for the answer.
+    """
+    lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in found}
+    registers = [one for one in found if one.register]
+    if any(one.high > TURN_IN_UNIT["deg"] for one in registers):  # further than degrees
+        lines |= {one.claim.column: _counted(one) for one in registers}
+    alone = all(one.of_gripper for one in found)  # else a gripper may be in a unit of its own
+    alike = [one for one in found if lines[one.claim.column].open and (alone or not one.of_gripper)]
+    if any(lines[one.claim.column].trust == ASK for one in alike):
+        lines |= {one.claim.column: _open(one) for one in alike}
+    against, filled = list[str](), False
+    for one in found if unit else ():
+        name, line = one.claim.column, lines[one.claim.column]
+        own = told(one.claim.unit) if (one.claim.unit, unit) not in (("tick", TICKS), ("%", PERCENT)) else ""
+        own = own or one.claim.formula or (line.unit if line.trust == SURE else "")
+        answer = _answered(one, line, str(unit), one in alike or alone) if not own else None
+        filled |= answer is not None or own == unit
+        if own and own != unit:
+            against.append(f"{quoted(name)} says {own}")
+            answer = line.but(why=f"{line.why}; unit={unit} is for columns that say none")
+        lines[name] = answer or line
+    if unit and not filled and (against or unit == PERCENT):
+        raise LogError(
+            f"{source}: unit={unit} is for positions whose unit is open{SHARES * (unit == PERCENT)}, and there is none"
+            f"{': ' * bool(against)}{', '.join(against[:3])}; leave unit= out, or correct a line in the mapping."
+        )
+    return lines
+
+
+def _answered(one: Position, line: Line, unit: str, of_arm: bool) -> Line | None:
+    """A position in the unit of the answer; None where that cannot be its unit, and its question stays."""
+    if unit == TICKS and whole_numbers(one.values) and one.far < MOST_STEPS and not one.slide:
+        why = f"unit= says {TICKS}, {STEPS_A_TURN} a turn and {STEP_AT_ZERO} at 0 rad: edit them for other servos"
+        return _steps(one, STEP_AT_ZERO, LIKELY, why)
+    if unit == PERCENT and one.share:
+        return Line(quoted(one.claim.column), PERCENT, SURE, "unit= says percent, of the range of the robot's model")
+    if unit in (TICKS, PERCENT) or (measures(unit, "angle") and (line.unit == "tick" or not of_arm)):
+        return None
+    return position_line(one, unit, "unit=")
+
+
 # --- velocities ------------------------------------------------------------------------------------------------------
 
 
@@ -143,103 +338,73 @@ def per_second(claim: Claim) -> str:
     return f"{unit}/s" if measures(unit, *POSITION) else unit
 
 
-def velocity_line(claim: Claim, values: Array, goes: Relation | None, base: Line) -> Line:
+def velocity_line(claim: Claim, goes: Relation | None, base: Line) -> Line:
     """A velocity, by its unit or by how it goes with the derivative of the position.
 
     Args:
-        claim, values: its column.
+        claim: on its column.
         goes: of it against that derivative, both as in the file; None where no time is known.
         base: how the position is read.
     """
     if line := of_dialect(claim):
         return line
     name, unit, says = claim.column, per_second(claim), f"{claim.by} says {per_second(claim)}"
-    rate, rates = measures(unit, "rate", "speed"), base.rates
-    derives = goes is not None and goes.fit > DERIVATIVE_FIT
+    rate, rates, hangs = measures(unit, "rate", "speed"), base.rates, base.trust == ASK
     if unit == "erpm":
         return Line(f"{quoted(name)}*2*pi/60", unit, ASK, "electrical rpm", ELECTRICAL)
     if unit and not rate:
-        return _without_unit(claim, values, f"{says}, which is no unit of a velocity")
-    hangs = base.trust == ASK and base.unit != "tick"
-    if not rate and (goes is None or hangs):
-        own = next(iter(rates))
-        why = "its unit hangs on that of the position" if hangs else f"no unit is said; taken for {own}"
-        return Line(quoted(name) + rates[own][0], own, ASK, why, base.ask if hangs else UNTIMED)
-    guessed = rate is not None and base.unit == "tick" and base.trust == ASK  # counts of a turn that nobody says
-    if goes is None or not derives or goes.scale <= 0.0 or not base.factor or guessed:
-        against = derives and goes is not None and goes.scale < 0.0
-        how = f"it {'goes against' if against else 'does not go with'} the derivative of the position"
-        if not rate:
-            return _without_unit(claim, values, f"no unit is said, and {how}")
-        return in_unit(name, unit, LIKELY if against else SURE, f"{says}; {how}" if against else says)
-    factor, shown = base.factor / goes.scale, f"it is {goes.scale:.3g} times the derivative of the position as logged"
-    best, off = nearest_unit(factor, ((one, size) for one, (_, size) in rates.items()))
+        return Line(quoted(name), "?", ASK, f"{says}, which is no unit of a velocity")
+    best, off, shown = "", math.inf, ""
+    if goes is not None and goes.fit > DERIVATIVE_FIT and goes.scale > 0.0 and base.factor and not hangs:
+        factor, shown = base.factor / goes.scale, f"{goes.scale:.3g} times the derivative of the position as logged"
+        best, off = nearest_unit(factor, ((one, size) for one, (_, size) in rates.items()))
+        if rate and abs(math.log(factor / rate.factor)) > off + 0.01:
+            return in_unit(name, unit, ASK, f"{says}, but it is {shown}, as {best} would be")
     if rate:
-        own_off = abs(math.log(factor / rate.factor))
-        if own_off > off + 0.01:
-            return in_unit(name, unit, ASK, f"{says}, but {shown}, as {best} would be")
-        return in_unit(name, unit, SURE if own_off < ROUGHLY_UNIT else LIKELY, f"{says}; {shown}")
+        return in_unit(name, unit, SURE, says)
     if off < SAME_UNIT:
-        return Line(quoted(name) + rates[best][0], best, base.trust, f"{shown}: {best}", base.ask)
-    ask = f"how many rad/s (slide: m/s) is one of {quoted(name)}? No unit is said, and {shown}"
-    return Line(f"{quoted(name)}*{factor:.4g}", "?", ASK, shown, ask)
+        return Line(quoted(name) + rates[best][0], best, base.trust, f"it is {shown}: {best}", base.ask)
+    if goes is None or (hangs and base.unit != "tick"):
+        own = next(iter(rates))
+        return Line(quoted(name) + rates[own][0], own, ASK, f"no unit is said; taken for {own}", base.ask or UNTIMED)
+    why = f"it is {shown}" if shown else "it does not go with the derivative of the position"
+    ask = f"how many rad/s (slide: m/s) is one of {quoted(name)}? No unit is said, and {why}"
+    return Line(quoted(name), "?", ASK, why, ask)
 
 
-def _without_unit(claim: Claim, values: Array, why: str) -> Line:
-    """A question for a velocity, with how its register keeps a sign."""
-    signed = signed_reading(claim.column, values)
-    more = f". With its sign it is {signed}: write that, and the unit of a count behind it" if signed else ""
-    return Line(quoted(claim.column), "?", ASK, why, why + more)
-
-
-def goal_velocity_line(claim: Claim, values: Array, goes: Relation | None, goal: Line) -> Line:
-    """A velocity that is commanded beside a goal; it need not be the goal's derivative."""
-    line, own = velocity_line(claim, values, goes, goal), f"{goal.unit}/s"
-    if line.trust == ASK and not told(claim.unit) and measures(goal.unit, *POSITION):
-        return in_unit(claim.column, own, LIKELY, f"no unit is said; taken for {own}, as its goal")
-    return line.but(why=line.why.replace("of the position", "of the goal"))
+def goal_velocity_line(claim: Claim, goal: Line) -> Line:
+    """A velocity that is commanded beside a goal, a second in the goal's unit where none is said; no derivative tells
+    it."""
+    if line := of_dialect(claim):
+        return line
+    if measures(per_second(claim), "rate", "speed"):
+        return in_unit(claim.column, per_second(claim), SURE, f"{claim.by} says {per_second(claim)}")
+    known = claim.unit in ("", "?") and measures(goal.unit, *POSITION)
+    own, why = f"{goal.unit}/s", "no unit is known" if not known else f"no unit is said; taken for {goal.unit}/s"
+    return in_unit(claim.column, own, LIKELY if known else ASK, f"{why}, as its goal")
 
 
 # --- goals -----------------------------------------------------------------------------------------------------------
 
 
-def goal_line(claim: Claim, base: Line, goes: Relation) -> Line:
-    """A goal or a second position, in its own unit or in that of the position; asked about where the position moves as
-    in another one.
-
-    Args:
-        claim: on its column.
-        base: how the position is read.
-        goes: of the position behind it, both as in the file.
-    """
+def goal_line(claim: Claim, base: Line) -> Line:
+    """A goal or a second position, in its own unit or in that of the position."""
     if line := of_dialect(claim):
         return line
     unit, by = told(claim.unit), claim.by
-    own, known = measures(unit, *POSITION), measures(base.unit, *POSITION)
-    if unit and not own and base.unit not in (unit, {"%": "percent"}.get(unit)):
+    if unit and not measures(unit, *POSITION) and base.unit not in (unit, {"%": "percent"}.get(unit)):
         why = f"{by} says {unit}, which is no unit of an angle or a way"
         return in_unit(claim.column, unit, ASK, why, base.ask)
-    if own:
-        line = in_unit(claim.column, unit, SURE, f"{by} says {unit}")
-    else:
-        of_position = next((quoted(name) for name in names_in(base.text) if name != "pi"), "")
-        text, trust = base.text.replace(of_position, quoted(claim.column)), ASK if base.trust == ASK else LIKELY
-        line = Line(text, base.unit, trust, f"in the unit of the position, {base.unit}", base.ask)
-    compared = base.trust != ASK and (not own or base.open)
-    if not (compared and known and goes.fit > COMPARED_FIT and goes.scale):
-        return line
-    times = f"the position moves {abs(goes.scale):.2g} times as far in the numbers of the file"
-    line = line.but(why=f"{line.why}; {times}")
-    if abs(math.log(abs(goes.scale) * (known.factor / own.factor if own else 1.0))) < math.log(ANOTHER_UNIT):
-        return line
-    ask = (
-        f"in which unit is {quoted(claim.column)}? {times[0].upper()}{times[1:]}; keep {line.unit} if the joint hardly "
-    )
-    return line.but(trust=ASK, ask=f"{ask}follows it, or is held and moved by its load")
+    if measures(unit, *POSITION):
+        return in_unit(claim.column, unit, SURE, f"{by} says {unit}")
+    of_position = next((quoted(name) for name in names_in(base.text) if name != "pi"), "")
+    text, trust = base.text.replace(of_position, quoted(claim.column)), ASK if base.trust == ASK else LIKELY
+    return Line(text, base.unit, trust, f"in the unit of the position, {base.unit}", base.ask)
 
 
 def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Array, position: Array) -> Line:
-    """A goal's line with how late its position comes, in question where it does not come after it.
+    """A goal's line with how late its position comes, in question where it does not come after it, or moves as in
+    another unit.
 
     Args:
         line: how the column becomes a goal.
@@ -249,55 +414,29 @@ def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Ar
         goal, position: their columns as logged (n,).
     """
     clock = np.arange(len(goal), dtype=np.float64) * 0.01 if time is None else time
-    late = f"{1e3 * abs(goes.lag):.0f} ms"
+    own, known = (measures(one.unit, *POSITION) for one in (line, base))
+    times, why = abs(goes.scale), ""
+    open_unit = line.why.startswith("in the unit of") or base.open
     if goes.fit < COMPARED_FIT and move_apart(clock, goal, position, COMPARED_FIT):
-        return line.asking("the position does not follow it", UNFOLLOWED, base)
-    if (ahead := _reading(goal, position)) >= 0:
-        why = f"it is the position{' of the next row' * ahead} in nearly all rows in motion, as no servo follows a goal"
-        ask = f"is this what was sent to the servo? {why}: log what was sent as the goal"
-        return line.but(trust=ASK, why=why, ask=ask)
-    if goes.fit <= FOLLOWED_FIT:
-        return line
-    if goes.scale < 0.0:
-        ask = f"the position moves against this goal. If it counts the other way round, write -{line.text}"
-        return line.asking("the position moves against it", ask, base)
-    if time is None or (line.ask == ACTIONS and goes.lag >= 0.0):
-        return line
-    if goes.lag < 0.0:
-        why = f"the position moves {late} before it: are goal and position exchanged?"
-        return line.but(trust=ASK, why=why, ask=why)
-    if goes.lag > LONGEST_LAG - MOTION_WINDOW:
-        why = f"the position follows it best after {late}, the longest delay that is looked at"
-        return line.asking(why, f"is this the goal of the position beside it? {why[0].upper()}{why[1:]}", base)
-    return line.but(why=f"{line.why}; the position follows it by {late}")
-
-
-def _reading(goal: Array, position: Array) -> int:
-    """How many rows ahead a goal is the reading itself, 0 or 1; -1 where it is none."""
-    changes = np.flatnonzero(np.diff(position) != 0.0)
-    shares = [float(np.mean(goal[changes] == position[changes + ahead])) for ahead in (0, 1)]
-    return shares.index(max(shares)) if len(changes) >= MIN_CHANGES and max(shares) >= READING_SHARE else -1
-
-
-def action_line(line: Line, goes: Relation, values: Array, position: Array, base: Line) -> Line:
-    """An action of a policy as a goal, in question where the position does not go as far or stands elsewhere.
-
-    Args:
-        line: the column as a goal.
-        goes: of the position behind it.
-        values, position: of the column and of the position, as logged.
-        base: how the position is read.
-    """
-    goal, known = (measures(one.unit, *POSITION) for one in (line, base))
-    if not (goal and known) or goes.scale <= 0.0 or goes.fit < FOLLOWED_FIT or base.trust == ASK:
-        return line
-    factor = goal.factor / known.factor
-    offset = abs(float(np.nanmean(position) - factor * np.nanmean(values)))
-    scaled = abs(math.log(goes.scale / factor)) >= math.log(SCALED_ACTIONS)
-    if scaled or offset > ACTION_OFFSET * max(span(position), factor * span(values)):
-        why = f"the position moves {goes.scale:.2g} times as far as the action, and stands {offset:.2g} from it"
-        return line.but(trust=ASK, why=why, ask=ACTIONS)
-    return line
+        why = "The position does not move as it does"
+    elif goes.fit > FOLLOWED_FIT and goes.scale < 0.0:
+        why = f"The position moves against this goal. If it counts the other way round, write -{line.text}"
+    elif goes.fit > FOLLOWED_FIT and time is not None and goes.lag < 0.0:
+        why = f"The position moves {-1e3 * goes.lag:.0f} ms before it: are goal and position exchanged?"
+    elif goes.fit > FOLLOWED_FIT and time is not None and goes.lag > LONGEST_LAG - MOTION_WINDOW:
+        why = f"The position follows it best after {goes.lag:.2g} s, the longest delay that is looked at"
+    elif (
+        own and known and open_unit and base.trust != ASK and goes.fit > COMPARED_FIT and times
+        and abs(math.log(times * known.factor / own.factor)) > math.log(ANOTHER_UNIT)
+    ):  # fmt: skip
+        why = f"In the file the position moves {times:.2g} times as far, as in another unit"
+    late = (
+        f"; the position follows it by {1e3 * goes.lag:.0f} ms" if goes.fit > FOLLOWED_FIT and time is not None else ""
+    )
+    if not why or line.trust == ASK:
+        return line if line.trust == ASK else line.but(why=line.why + late)
+    ask = f"is this the goal of the position beside it? {why}. Else give another column, or remove it"
+    return line.but(trust=ASK, why=why, ask=ask)
 
 
 # --- the drive -------------------------------------------------------------------------------------------------------
@@ -307,61 +446,43 @@ def drive_line(signal: str, claim: Claim, values: Array) -> Line:
     """A torque, current, voltage, temperature, duty or flag, by its unit; asked about where it may be a count."""
     if line := of_dialect(claim):
         return line
-    name, unit = claim.column, told(claim.unit)
+    name, unit, plain = quoted(claim.column), told(claim.unit), SIGNAL_UNITS[signal]
     finite = values[np.isfinite(values)]
-    largest, shown, says = float(np.abs(finite).max(initial=0.0)), reach(values), f"{claim.by} says {unit}"
+    largest, whole, shown = float(np.abs(finite).max(initial=0.0)), whole_numbers(finite), reach(values)
+    says = f"{claim.by} says {unit}; {shown}"
     if signal == "enabled":
         good = set(np.unique(finite)) <= {0.0, 1.0}
-        return Line(quoted(name), "", SURE if good else ASK, "0 and 1" if good else f"{shown}: which of these mean on?")
-    if signal == "duty" and unit == "%":
-        return Line(f"{quoted(name)}/100", "1", SURE, f"{says}; {shown}")
-    if signal == "duty" and largest <= FULL_SHARE:
-        return Line(quoted(name), "1", LIKELY, f"a share, 1 is full; {shown}")
+        return Line(name, "", SURE if good else ASK, "0 and 1" if good else f"{shown}: which of these mean on?")
     if signal == "duty":
-        ask = f"how many counts mean a full duty? Write {quoted(name)}/<that number>"
-        return Line(quoted(name), "counts", ASK, f"counts, {shown}", ask)
+        if unit == "%" or largest <= FULL_SHARE:
+            return Line(f"{name}/100" if unit == "%" else name, "1", SURE if unit else LIKELY, f"a share; {shown}")
+        ask = f"how many counts mean a full duty? Write {name}/<that number>"
+        return Line(name, "counts", ASK, f"counts, {shown}", ask)
     if signal == "temperature" and unit in TEMPERATURES:
-        return Line(TEMPERATURES[unit].format(quoted(name)), unit, SURE, f"{says}; {shown}")
-    by_word = _by_word(claim) and (whole_numbers(finite) or largest > LARGEST_PLAUSIBLE[signal])
-    if measures(unit, *DRIVE_QUANTITIES.get(signal, ())) and not by_word:
-        return in_unit(name, unit, SURE, f"{says}; {shown}")
-    return _counted_or_plain(signal, claim, finite, by_word)
+        return Line(TEMPERATURES[unit].format(name), unit, SURE, says)
+    drives = signal in ("torque", "torque_command", "current")
+    beyond = largest > LARGEST_PLAUSIBLE[signal]
+    ask = ""
+    if measures(unit, *DRIVE_QUANTITIES.get(signal, ())):
+        if not _by_word(claim) or not (beyond or (whole and (drives or largest > 0.5 * LARGEST_PLAUSIBLE[signal]))):
+            return in_unit(claim.column, unit, SURE, says)
+        ask = f"Its name says {unit}, but {largest:.5g} may be tenths or thousandths of it"
+    elif unit:
+        ask = f"{claim.by[0].upper()}{claim.by[1:]} says {unit}, which is no unit of a {signal}"
+    elif claim.rest:
+        ask = f"Is {claim.rest!r} in its name the unit?"
+    elif signal == "torque" and span(finite) > 0.0 and float(finite.min()) >= 0.0:
+        ask = "It is never negative, and may be a magnitude without sign, or a register: is it a torque at all?"
+    elif claim.unit == "?" or beyond or (drives and whole and span(finite) > 1.0):
+        ask = "It may be counts of a register, or thousandths"
+    if ask:
+        return Line(name, plain, ASK, shown, f"in which unit is this {signal}? {ask}. Write what makes it {plain}")
+    return Line(name, plain, LIKELY, f"no unit is said; {shown} taken for {plain}")
 
 
 def _by_word(claim: Claim) -> bool:
     """Whether a word such as ``volts``, which as often says the signal alone, is what says the unit."""
     words = {word for word, unit in WORDS.items() if unit == claim.unit in ("A", "V") and len(word) > 1}
-    spoken = {word.lower() for word in words_of(re.sub(r"[\[(].*?[\])]", "", claim.column))}
-    return claim.by == "the name" and bool(spoken & words)
-
-
-def _counted_or_plain(signal: str, claim: Claim, finite: Array, by_word: bool) -> Line:
-    """A column in a unit that is not said, or by a word alone: taken as it stands where nothing speaks for counts."""
-    unit, whole = SIGNAL_UNITS[signal], whole_numbers(finite)
-    largest = float(np.abs(finite).max(initial=0.0))
-    beyond = largest > LARGEST_PLAUSIBLE[signal] * (0.5 if by_word and whole else 1.0)
-    own = "" if by_word else claim.unit
-    unsigned = signal in ("torque", "current") and span(finite) > 0.0 and float(finite.min()) >= 0.0
-    counts = signal in ("torque", "torque_command", "current") and whole and span(finite) > 1.0
-    ask = ""
-    if signal == "torque" and unsigned and not own:
-        ask = "is it a torque at all? It is never negative, and may be a magnitude without sign, or a register"
-    elif told(own):
-        ask = f"{claim.by} says {own}, which is no unit of a {signal}: write what makes it {unit}"
-    elif beyond and by_word:
-        ask = (
-            f"in which unit is this {signal}? Its name says {claim.unit}, but {largest:.5g} may be tenths or "
-            "thousandths of it"
-        )
-    elif own or beyond:
-        ask = f"in which unit is this {signal}? Write what makes it {unit}"
-    elif signal in ("torque", "torque_command", "current") and claim.rest:
-        ask = f"is {claim.rest!r} in the name of {quoted(claim.column)} its unit? It is none that is known: write what "
-        ask += f"makes it {unit}"
-    elif counts:
-        ask = f"in which unit is this {signal}? Whole numbers are counts of a register, or m{unit} (*1e-3)"
-    if ask:
-        return Line(quoted(claim.column), unit, ASK, reach(finite), ask)
-    doubt = "; never negative, so it may be a magnitude without sign, or a register" if unsigned else ""
-    said = f"its name says {claim.unit}" if by_word else "no unit is said"
-    return Line(quoted(claim.column), unit, LIKELY, f"{said}; {reach(finite)} taken for {unit}{doubt}")
+    return claim.by == "the name" and any(
+        word.lower() in words for word in words_of(re.sub(r"[\[(].*?[\])]", "", claim.column))
+    )

@@ -18,7 +18,7 @@ from ..reader import build_run
 from ..sidecar import Sidecar, check_keys, checked_kinds, checked_parts
 from ..table import check_columns
 from ..types import REQUIRED_EVERYWHERE, SIGNAL_UNITS, Array, LogError, MeasuredRun
-from .expression import ROW, column, evaluate, names_in, quoted
+from .expression import ROW, column, evaluate, names_in
 from .recording import LARGEST_EXACT, Recording
 
 FOLDER = Path(__file__).resolve().parents[3] / "configs" / "mapping"
@@ -65,12 +65,8 @@ def read_mapping(path: str | Path) -> Mapping:
     Raises:
         LogError: there is none, or it is not what a mapping is.
     """
-    shipped = FOLDER / f"{path}.yaml"
-    file = (
-        shipped
-        if Path(path).suffix == "" and not os.path.isfile(Path(path)) and os.path.isfile(shipped)
-        else Path(path)
-    )
+    file, shipped = Path(path), FOLDER / f"{path}.yaml"
+    file = shipped if not file.suffix and not os.path.isfile(file) and os.path.isfile(shipped) else file
     try:
         content = read_yaml(file)
     except DocumentError as error:
@@ -93,25 +89,21 @@ def _checked(content: Any, file: Path) -> Mapping:
             names_in(text)
         except LogError as error:
             raise LogError(f"{file}: column '{name}': {error}") from None
-    constants = content.get("constants") or {}
-    if not isinstance(constants, dict) or not all(_is_number(value) for value in constants.values()):
+    constants, sidecar = content.get("constants") or {}, content.get("sidecar") or {}
+    if not isinstance(constants, dict) or not all(type(value) in (int, float) for value in constants.values()):
         raise LogError(f"{file}: the key constants must be a mapping of names to numbers.")
-    sidecar = content.get("sidecar") or {}
     if not isinstance(sidecar, dict):
         raise LogError(f"{file}: the key sidecar must be a mapping, which becomes the sidecar of the log.")
     checked_kinds(sidecar, f"{file}, under sidecar")
-    questions = content.get("questions") or []
     try:
-        asked = tuple(Question(tuple(map(str, one["about"])), str(one["ask"])) for one in questions)
+        asked = tuple(
+            Question(tuple(map(str, one["about"])), str(one["ask"])) for one in content.get("questions") or []
+        )
     except (TypeError, KeyError):
         raise LogError(f"{file}: each of the questions needs about, a list of columns, and ask.") from None
     where = content.get("where")
     numbers = {str(key): float(value) for key, value in constants.items()}
     return Mapping(columns, numbers, asked, sidecar, None if where is None else str(where))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def ended(sentence: str) -> str:
@@ -141,8 +133,7 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     if mapping.where is not None:
         kept = column(mapping.where, values, f"{where}: the key where", recording.length) > 0.0
         table = {name: cells[kept] for name, cells in table.items()}
-    _check_known(table, mapping, where)
-    _check_repeats(table, mapping, where)
+    _check_complete(table, mapping, where)
     for name, cells in list(table.items()):
         if name.endswith(".enabled") and (cells > 0.5).all():  # on throughout is what its absence says
             del table[name]
@@ -160,57 +151,31 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
     )  # fmt: skip
 
 
-def _check_known(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
-    """Time, goals and positions have a value in every sample; the key where leaves samples out that have none."""
+def _check_complete(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
+    """Time, goals and positions have a value in every sample, and no stamp repeats; where leaves samples out."""
     needed = [name for name in table if name == "time" or name.rpartition(".")[2] in REQUIRED_EVERYWHERE]
-    bad = {name: lost for name in needed if (lost := ~np.isfinite(table[name])).any()}
-    if not bad:
-        return
-    name, lost = next(iter(bad.items()))
-    if lost.all():
-        raise LogError(
-            f"{where}: column '{name}' has no finite value in any sample; correct '{mapping.columns[name]}'."
-        )
-    left = int((~np.logical_or.reduce([*bad.values()])).sum())
-    count, row = int(lost.sum()), int(np.argmax(lost)) + 1
-    what = f"{where}: column '{name}' has no value in {_samples(count)}, the first in row {row}"
-    if not left:
-        raise LogError(
-            f"{what}; no sample has a value of all of {', '.join(bad)}: a goal that is written only where it changes "
-            "is hold(<column>) in the mapping."
-        )
-    factors = dict.fromkeys(factor for name in bad for factor in _known_factors(mapping, name))
-    raise LogError(_offered(what, [*factors], mapping, left))
-
-
-def _check_repeats(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
-    """Stamps that repeat; the key where leaves out all but the first row of each."""
+    lost = {name: ~np.isfinite(table[name]) for name in needed}
+    bad = [name for name in needed if lost[name].any()]
     steps = np.diff(table.get("time", np.zeros(0)))
-    if not (steps == 0.0).any() or (steps < 0.0).any() or np.median(steps) == 0.0:
-        return  # what is wrong with such clocks the checks of the log say
-    count, at = int((steps == 0.0).sum()), int(np.argmax(steps == 0.0))
-    what = f"repeats in {_samples(count)}, the first in row {at + 2} ({table['time'][at]:.9g} s)"
-    factors = [f"later({mapping.columns['time']})"]
-    raise LogError(_offered(f"{where}: column 'time' {what}", factors, mapping, len(steps) + 1 - count))
-
-
-def _samples(count: int) -> str:
-    return f"{count} sample{'s' * (count > 1)}"
-
-
-def _offered(what: str, factors: Sequence[str], mapping: Mapping, left: int) -> str:
-    """A sentence on samples that cannot stay, with the line that leaves them out."""
+    if bad:
+        name, empty = bad[0], lost[bad[0]]
+        if empty.all():
+            raise LogError(
+                f"{where}: column '{name}' has no finite value in any sample; correct '{mapping.columns[name]}'."
+            )
+        factors = [f"known({mapping.columns[one]})" for one in bad]
+        hint = ", or hold a goal that is written only where it changes: hold(<column>)"
+    elif (steps == 0.0).any() and not (steps < 0.0).any() and np.median(steps) > 0.0:
+        name, empty, hint = "time", np.append(False, steps == 0.0), ", or record again"
+        factors = [f"later({mapping.columns['time']})"]
+    else:
+        return
     keep = "*".join([*factors, *[f"({mapping.where})"] * bool(mapping.where)])
-    line = f"the line `where: {keep}` in the mapping, which keeps {_samples(left)}"
-    return f"{what}; leave them out by {line}, or record again."
-
-
-def _known_factors(mapping: Mapping, name: str) -> list[str]:
-    """Conditions under which a column of the log has a value."""
-    text = mapping.columns[name]
-    if "hold(" in text:
-        return [f"known({text})"]
-    return [f"known({quoted(one)})" for one in names_in(text) if one not in ("pi", ROW, *mapping.constants)]
+    what = "no value" if bad else "a stamp that repeats"
+    raise LogError(
+        f"{where}: column '{name}' has {what} in {int(empty.sum())} samples, the first in row "
+        f"{int(np.argmax(empty)) + 1}; leave them out by the line `where: {keep}` in the mapping{hint}."
+    )
 
 
 def filled(content: Any, recording: Recording) -> Any:

@@ -80,12 +80,11 @@ def _known(*columns: Array) -> tuple[Array, ...]:
 
 
 def _unwound(values: Array) -> Array:
-    steps = np.abs(np.diff(values))
     for turn in (360.0, 2.0 * math.pi):
-        jumps = steps > 0.75 * turn
-        if 0.9 * turn < span(values) < 1.01 * turn and 0 < jumps.sum() < JUMP_SHARE * np.count_nonzero(steps):
-            out = np.unwrap(values, period=turn)
-            return out if np.abs(np.diff(out)).max() < 0.25 * turn else values
+        steps = np.abs(np.diff(values))
+        jumps = (steps > 0.75 * turn).sum()
+        if 0.9 * turn < span(values) < 1.01 * turn and 0 < jumps < JUMP_SHARE * np.count_nonzero(steps):
+            return np.unwrap(values, period=turn)
     return values
 
 

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from ....common.documents import read_yaml
-from .units import ALONE, LIKE, UNIT_OR_NAME, WORDS, like_a_unit, measure, measures, unit_of
+from .units import ALONE, LIKE, TEMPERATURES, UNIT_OR_NAME, WORDS, like_a_unit, measure, measures, unit_of
 
 LOGGED = {
     "position": "goal",
@@ -24,7 +24,6 @@ MOVING = ("position", "velocity", "torque", "acceleration")
 BY_UNIT = {"angle": "position", "rate": "velocity", "torque": "torque", "current": "current", "voltage": "voltage",
            "tick": "position", "degC": "temperature", "erpm": "velocity"}  # fmt: skip
 """Signals by the quantity of a unit, where a name says nothing else; turns and ways are too common."""
-GAINS = {"kp": "stiffness", "stiffness": "stiffness", "kd": "damping", "damping": "damping"}
 OF_SIGNAL = {"time": {"min": "min", "mins": "min", "minute": "min", "h": "h", "hr": "h", "hrs": "h", "hour": "h"},
              "temperature": {"f": "degF", "k": "K", "dc": "0.1 degC"}}  # fmt: skip
 """Words that are units in the names of one signal alone."""
@@ -36,6 +35,7 @@ NUMBERED = re.compile(r"(?:(?<![A-Za-z0-9.])10+|(?<![0-9.])\d*\.\d+[ _]?)[A-Za-z
 """A unit with its number, as in ``time_10us`` and ``current_2.69mA``; ``pos_2deg`` is joint 2."""
 RATING = re.compile(r"[1-9]\d*\.\d+[ _]?(?:V|A|Nm)")
 """What a supply or a motor is rated at, more likely than a unit: ``rail_3.3V``."""
+DERIVATIVE = "is this the wanted angle, or the derivative of the position? The latter is <joint>.velocity"
 FACTOR = re.compile(
     r"[\[(]\s*(?:(?:[x×*·/÷]|times|div)\s*[\d.]+|\d*\.\d+|\d+e[-+]?\d+)\s*[\])]"  # (x10), (0.01)
     r"|(?:(?<![^\W\d_])|(?<=[a-z])(?=[A-Z]))(?i:times|div(?:ided)?(?:[ _]?by)?|mult?)[ _]?[\d.]+"
@@ -147,14 +147,12 @@ class _Name:
             signal, how = self._by_less(commanded, measured)
         unit = self._own_unit(signal)
         if part and not forward:
-            gain = next((word for word in low if word in GAINS), "")
-            self.used |= {k for k, word in enumerate(low) if word == gain}
-            aside = f"{GAINS.get(gain) or signal or 'value'} of a controller or model"
+            aside = f"{signal or min(part)} of a controller or model"
         elif commanded and not measured:
             aside = aside or ("" if signal in ("", *LOGGED) else f"commanded {signal}")
             signal = LOGGED.get(signal, "")
-        elif (signal, how) == ("position", "qd"):
-            pass  # the derivative or the wanted one: the table tells
+        elif how == "qd":
+            return Claim("", "goal", unit, self._joint(), "", how, ask=DERIVATIVE, words=frozenset(own))
         elif signal == "position" and own & {"link", "output"} and "motor" not in own:
             signal = "link_position"
         if any(self._of(word, "tool") for word in low) and not any(self._of(word, "of_joints") for word in low):
@@ -163,8 +161,14 @@ class _Name:
         if signal == "acceleration":
             aside = aside or signal
         self.used |= {k for k, word in enumerate(low) if word in ("ff", "feedforward", *self.known.asides)}
-        joint = _joined([word for k, word in enumerate(self.words) if k not in self.used])
-        return Claim("", "" if aside else signal, unit, joint, aside, how, words=frozenset(own))
+        return Claim("", "" if aside else signal, unit, self._joint(), aside, how, words=frozenset(own))
+
+    def _joint(self) -> str:
+        """Words that say nothing else; a number goes with the word before it, or with ``joint``."""
+        out = ""
+        for word in (word for k, word in enumerate(self.words) if k not in self.used):
+            out = (out or "joint") + word if word.isdigit() else out + ("_" if out else "") + word
+        return out
 
     def _of(self, word: str, *kinds: str) -> bool:
         return any(word in self.known.classes[kind] for kind in kinds)
@@ -259,39 +263,33 @@ def words_of(text: str) -> list[str]:
 
 
 def _unit(words: list[str]) -> tuple[str, slice]:
-    """Unit that words say, and which: the last of them, behind another word."""
+    """Unit that words say, and which: the last of them behind another word, of up to three words."""
     low = [word.lower() for word in words]
     spoken = {signal for signal, own in vocabulary().signals.items() if own & set(low)}
     spoken |= {"voltage"} if is_a("supply", *low) else set()
     for k in range(len(low) - 1, 0, -1):
         last = all(other.isdigit() for other in low[k + 1 :])
-        if found := _of_several(low, k, last, spoken):
-            return found
-        found = _of_one(low[k], last, spoken)
+        for start in (k - 2, k - 1):
+            if start > 0 and (unit := _of_several(low[start : k + 1], last, spoken)):
+                return unit, slice(start, k + 1)
+        unit = _of_one(low[k], last, spoken)
         numbered = low[k].isalpha() and len(low[k]) == 1 and k + 1 < len(low)  # m1 is the first motor
-        of_motor = measures(found, "way") and is_a("angles", *low)  # as theta_m
-        if found and low[k + 1 : k + 2] == ["per"]:  # and not per second: of that it is not known what it is
+        of_motor = measures(unit, "way") and is_a("angles", *low)  # as theta_m
+        if unit and low[k + 1 : k + 2] == ["per"]:  # and not per second: of that it is not known what it is
             return " ".join(low[k:]), slice(k, len(low))
-        if found and not (numbered or of_motor):
-            return found, slice(k, k + 1)
-    if len(low) == 1 and is_a("clocks", low[0]):
-        return unit_of(low[0]), slice(0, 0)
-    return "", slice(0, 0)
+        if unit and not (numbered or of_motor):
+            return unit, slice(k, k + 1)
+    alone = len(low) == 1 and is_a("clocks", low[0])
+    return (unit_of(low[0]) if alone else ""), slice(0, 0)
 
 
-def _of_several(words: list[str], k: int, last: bool, spoken: set[str]) -> tuple[str, slice] | None:
-    """A unit of two or three words that end at one: ``rad s``, ``deg per sec``, ``kg cm``."""
-    start = k - 2 if words[k - 1] == "per" else k - 1
-    if start < 1:
-        return None
-    if words[k] in ("s", "sec") or (words[k] == "min" and "velocity" in spoken):  # min is the least, too
-        unit = unit_of(f"{words[start]}/{words[k]}")
-    elif words[k - 1] == "°" and words[k] in ("c", "f"):
-        unit = unit_of("".join(words[start : k + 1]))
-    else:
-        unit = unit_of(" ".join(words[start : k + 1])) if last else ""
-        unit = unit if measures(unit, "torque") else ""
-    return (unit, slice(start, k + 1)) if unit else None
+def _of_several(words: list[str], last: bool, spoken: set[str]) -> str:
+    """A unit of two or three words: ``rad s``, ``deg per sec``, ``kg cm``."""
+    first, end = words[0], words[-1]
+    if end in ("s", "sec") or (end == "min" and "velocity" in spoken):  # min is the least, too
+        return unit_of(f"{first}/{end}") if len(words) == 2 or words[1] == "per" else ""
+    unit = unit_of("".join(words)) if words[-2] == "°" else unit_of(" ".join(words)) if last else ""
+    return unit if measures(unit, "torque") or unit in TEMPERATURES else ""
 
 
 def _of_one(word: str, last: bool, spoken: set[str]) -> str:
@@ -308,14 +306,3 @@ def _of_one(word: str, last: bool, spoken: set[str]) -> str:
         meant = quantity not in ("current", "voltage", "force") or quantity.replace("force", "torque") in spoken
         return unit if word in ANYWHERE or (last and meant) else ""
     return word if last and (LIKE.match(word) or like_a_unit(word)) else ""
-
-
-def _joined(words: list[str]) -> str:
-    """Words of a joint's name; a number goes with the word before it, or with ``joint``."""
-    out = ""
-    for word in words:
-        if word.isdigit():
-            out = (out or "joint") + word
-        else:
-            out += ("_" if out else "") + word
-    return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Collection, Sequence
 from collections.abc import Mapping as AnyMapping
@@ -12,8 +11,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..types import COMMANDS, SIGNAL_UNITS, TOLD, Array
-from .claims import ONLY_JOINT, Claimed, claims_of, is_action, lists_of, placed, plain, put_lists, ranked, renamed
+from ..types import COMMANDS, TOLD, Array
+from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked, renamed
 from .clocks import find_clock
 from .dialects import Dialect, dialects
 from .expression import evaluate, hold, names_in, quoted
@@ -23,17 +22,19 @@ from .lines import (
     LIKELY,
     SURE,
     Line,
-    action_line,
+    Position,
+    bare,
+    by_velocity,
     doubted,
     drive_line,
     goal_line,
     goal_velocity_line,
+    position_lines,
     velocity_line,
 )
 from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
-from .positions import Position, Positions, bare, by_velocity
 from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
 from .units import measures
 
@@ -42,7 +43,6 @@ LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
 LINE_WIDTH = 118
 MARKS = {ASK: "? ", LIKELY: "likely: "}
-AS_A_LOG = re.compile(rf"([^.]+)\.(?:{'|'.join(SIGNAL_UNITS)})")
 
 
 @dataclass
@@ -54,15 +54,14 @@ class Proposal:
         unused: why a column of the file is left out.
         questions: that are open.
         slides: joints whose position is a way.
-        keep: by joint the conditions of the samples that are kept, each of them a factor of ``where``; under an empty
-            name those of all.
+        keep: conditions of the samples that are kept, each of them a factor of ``where``.
     """
 
     columns: dict[str, Line] = field(default_factory=dict)
     unused: dict[str, str] = field(default_factory=dict)
     questions: list[Question] = field(default_factory=list)
     slides: set[str] = field(default_factory=set)
-    keep: dict[str, list[str]] = field(default_factory=dict)
+    keep: list[str] = field(default_factory=list)
 
     @property
     def joints(self) -> list[str]:
@@ -72,8 +71,7 @@ class Proposal:
     @property
     def where(self) -> str | None:
         """Expression of the samples that are kept; None where all are."""
-        factors = dict.fromkeys(factor for joint in ("", *self.joints) for factor in self.keep.get(joint, []))
-        return "*".join(factors) or None
+        return "*".join(dict.fromkeys(self.keep)) or None
 
     def mapping(self) -> Mapping:
         """The mapping without what it says of itself."""
@@ -137,7 +135,6 @@ class _Proposer:
         self.first = max(recordings, key=lambda recording: recording.length)
         self.out, self.unit, self.time = Proposal(), unit, ""
         self.claimed = Claimed()
-        self.actions: list[str] = []  # columns of the log that are actions of a policy
 
     def run(self) -> Proposal:
         out = self.out
@@ -145,13 +142,9 @@ class _Proposer:
         measured = {joint: own for joint, own in self.claimed.groups.items() if own.get("position")}
         chosen = {joint: self.choose(own) for joint, own in measured.items()}
         positions = {joint: self.position(joint, own, measured[joint]) for joint, own in chosen.items()}
-        units = Positions(self.unit, list(positions.values()))
+        lines = position_lines([*positions.values()], self.unit, self.first.source)
         for joint, own in chosen.items():
-            self.read_joint(joint, own, positions[joint], units)
-        if any(out.columns[name].ask == ACTIONS for name in self.actions):  # a policy gives one vector
-            for name in self.actions:
-                out.put(name, out.columns[name].but(trust=ASK, ask=ACTIONS))
-        units.check(self.first.source)
+            self.read_joint(joint, own, positions[joint], lines[positions[joint].claim.column])
         self.share_strays()
         self.ask_for_what_lacks()
         return out
@@ -165,33 +158,20 @@ class _Proposer:
             steps = np.diff(self.clock(self.first))
             repeated = int((steps == 0.0).sum())
             if 0 < repeated <= STRAY_SHARE * len(steps) + 1 and not (steps < 0.0).any():
-                self.out.keep[""] = [f"later({clock.line.text})"]
-        lists = lists_of(self.first)
-        taken = {*clock.unused, *names_in(clock.line.text), *(name for names in lists.values() for name in names)}
-        self.claimed = placed(self.first, self.known, taken)
-        put_lists(lists, self.claimed, self.first)
+                self.out.keep.append(f"later({clock.line.text})")
+        self.claimed = placed(self.first, self.known, {*clock.unused, *names_in(clock.line.text)})
         measured = [joint for joint, own in self.claimed.groups.items() if own.get("position")]
-        self.claimed.groups = renamed(self.claimed.groups, spelled(measured, self.first.columns, self.robot))
+        self.claimed.groups = renamed(self.claimed.groups, spelled(measured, self.robot))
         self.out.unused |= clock.unused | self.claimed.aside
-        for name in self.claimed.nobodys:
-            values = self.moved(name).columns[name]
-            why = "nobody says what it is: no dialect has it, and its name says no signal of a log"
-            if span(values) <= 0.0:
-                why = "it never changes"
-            elif (np.diff(values) == 1.0).all():
-                why = "it counts the samples"
-            self.out.unused[name] = why
-        self.out.unused |= self.first.left
+        why = "nobody says what it is: no dialect has it, and its name says no signal of a log"
+        self.out.unused |= dict.fromkeys(self.claimed.nobodys, why) | self.first.left
 
     def choose(self, signals: dict[str, list[Claim]]) -> dict[str, Claim]:
         """One of several columns of each signal; of the others it is said why they are left out."""
-        chosen = {}
-        for signal, claims in signals.items():
-            if not claims:
-                continue
-            best, *others = ranked(signal, claims)
-            chosen[signal] = best
-            self.out.unused |= {other.column: f"{signal} as well; {best.column} is taken" for other in others}
+        chosen = {signal: ranked(signal, claims)[0] for signal, claims in signals.items() if claims}
+        for signal, best in chosen.items():
+            others = (other.column for other in signals[signal] if other is not best)
+            self.out.unused |= dict.fromkeys(others, f"{signal} as well; {best.column} is taken")
         return chosen
 
     def position(self, joint: str, chosen: dict[str, Claim], signals: dict[str, list[Claim]]) -> Position:
@@ -202,36 +182,35 @@ class _Proposer:
             chosen["position"], run.columns[chosen["position"].column], goals, way or bare(joint) in self.slides
         )
 
-    def read_joint(self, joint: str, chosen: dict[str, Claim], position: Position, units: Positions) -> None:
+    def read_joint(self, joint: str, chosen: dict[str, Claim], position: Position, line: Line) -> None:
         """The lines of one joint."""
         out, run = self.out, self.moved(position.claim.column)
         speed = chosen.get("velocity")
         goes = self.slope(run, position.values, speed)
-        base = by_velocity(units.lines[position.claim.column], position, speed, goes)
+        base = by_velocity(line, position, speed, goes)
         if measures(base.unit, "way"):
             out.slides.add(joint)
-        if joint in self.claimed.renamed:
-            base = base.but(why=f"{base.why}; {joint}, for {self.claimed.renamed[joint]}.* means no joint in a log")
         self.put(f"{joint}.position", base, position.claim)
-        for signal, claim in chosen.items():
-            values, moved = run.columns[claim.column], self.moved(claim.column).columns[claim.column]
-            if signal in ("position", "goal_velocity"):
+        for signal, claim in sorted(chosen.items(), key=lambda one: one[0] == "goal_velocity"):  # behind its goal
+            moved, goal = self.moved(claim.column).columns[claim.column], out.columns.get(f"{joint}.goal")
+            if signal == "position":
                 continue
             if why := self.no_signal(signal, moved):
                 out.unused[claim.column] = why
             elif signal == "goal":
                 self.read_goal(joint, claim, run, position, base)
             elif signal == "link_position":
-                relation = following(self.clock(run), values, position.values)
-                self.put(f"{joint}.{signal}", goal_line(claim, base, relation), claim)
+                self.put(f"{joint}.{signal}", goal_line(claim, base), claim)
             elif signal == "velocity":
-                self.put(f"{joint}.velocity", velocity_line(claim, values, goes, base), claim)
+                self.put(f"{joint}.velocity", velocity_line(claim, goes, base), claim)
+            elif signal == "goal_velocity" and (goal is None or not np.nan_to_num(moved).any()):
+                out.unused[claim.column] = "a commanded velocity beside no goal, or of zero"
+            elif signal == "goal_velocity" and goal is not None:
+                self.put(f"{joint}.{signal}", goal_velocity_line(claim, goal), claim)
             elif signal == "load":
-                wraps = " (65527 is -9 as a number of 16 bits: signed16(load))" if np.nanmax(values) > 32767 else ""
-                out.unused[claim.column] = f"a register without a unit{wraps}, no torque"
+                out.unused[claim.column] = "a register without a unit, no torque"
             else:
                 self.put(f"{joint}.{signal}", drive_line(signal, claim, moved), claim)
-        self.read_goal_velocity(joint, chosen, run)
 
     def read_goal(self, joint: str, claim: Claim, run: Recording, position: Position, base: Line) -> None:
         """The goal of a joint, with how late its position comes, and what speaks against its being one."""
@@ -240,39 +219,17 @@ class _Proposer:
         sparse = bool(known.any()) and 1.0 - known.mean() > MOST_OF_THEM
         steady = hold(values) if sparse else values
         goes = following(self.clock(run), steady, position.values)
-        line = goal_line(claim, base, goes)
-        if is_action(claim):
-            self.actions.append(f"{joint}.goal")
-            line = action_line(line, goes, steady, position.values, base)
+        line = goal_line(claim, base)
+        if is_action(claim) and claim.by == "the name" and line.trust != ASK:
+            line = line.but(trust=ASK, ask=ACTIONS)
         line = doubted(line, base, goes, self.clock(run) if self.timed else None, steady, position.values)
         if sparse:
             text = line.text.replace(quoted(claim.column), f"hold({quoted(claim.column)})", 1)
             why = f"{line.why}; {int(known.sum())} of {len(values)} samples have a goal: each is held until the next"
             line = line.but(text=text, trust=LIKELY if line.trust == SURE else line.trust, why=why)
-            self.out.keep[joint] = [
-                *[f"known(hold({quoted(claim.column)}))"] * bool(np.isnan(steady).any()),
-                *[f"known({quoted(position.claim.column)})"] * bool(np.isnan(position.values).any()),
-            ]
+            self.out.keep += [f"known(hold({quoted(claim.column)}))"] * bool(np.isnan(steady).any())
+            self.out.keep += [f"known({quoted(position.claim.column)})"] * bool(np.isnan(position.values).any())
         self.put(f"{joint}.goal", line, claim)
-
-    def read_goal_velocity(self, joint: str, chosen: dict[str, Claim], run: Recording) -> None:
-        """A commanded velocity beside its goal; where that cannot be, why it is left out."""
-        claim, goal = chosen.get("goal_velocity"), self.out.columns.get(f"{joint}.goal")
-        if claim is None:
-            return
-        values = run.columns[claim.column]
-        if goal is None:
-            self.out.unused[claim.column] = "a commanded velocity beside no goal"
-            return
-        if span(values) == 0.0 and not values[np.isfinite(values)].any():
-            self.out.unused[claim.column] = "a commanded velocity of zero"
-            return
-        goes = self.slope(run, run.columns[chosen["goal"].column], claim)
-        line = goal_velocity_line(claim, values, goes, goal)
-        if line.trust == ASK:
-            self.out.unused[claim.column] = f"a commanded velocity in a unit that is not known: {line.why}"
-        else:
-            self.out.columns[f"{joint}.goal_velocity"] = line
 
     def no_signal(self, signal: str, values: Array) -> str:
         """Why a column is no such signal at all; empty where it may be one."""
@@ -345,17 +302,13 @@ class _Proposer:
         return seconds - seconds[0]
 
 
-def spelled(joints: Collection[str], columns: Collection[str], robot: Collection[str]) -> dict[str, str]:
-    """Names of joints as in the robot's file; of those that it lacks as in the header, where that has
-    ``<joint>.<signal>``."""
-    headers = {match[1] for name in columns if (match := AS_A_LOG.fullmatch(name))}
+def spelled(joints: Collection[str], robot: Collection[str]) -> dict[str, str]:
+    """Names of joints as in the robot's file."""
     names: dict[str, str] = {}
     for joint in joints:
-        for known in (headers, robot):  # the robot's goes before
-            alike = {name for name in known if bare(name) == bare(joint)}
-            alike = alike or {name for name in known if bare(said(name).joint) == bare(joint)}  # dof_1, read as joint1
-            if len(alike) == 1 and [*map(bare, joints)].count(bare(joint)) == 1:
-                names[joint] = alike.pop()
+        alike = {name for name in robot if bare(joint) in (bare(name), bare(said(name).joint))}  # dof_1, read as joint1
+        if len(alike) == 1 and [*map(bare, joints)].count(bare(joint)) == 1:
+            names[joint] = alike.pop()
     return names
 
 
@@ -368,7 +321,6 @@ def proposal_text(
     recordings: Sequence[Recording],
     command: str,
     left: Sequence[str],
-    said: Sequence[str] = (),
 ) -> str:
     """The mapping file that is shown, edited and read again.
 
@@ -378,61 +330,45 @@ def proposal_text(
         recordings: that it is for.
         command: that imports with it.
         left: sentences on recordings that are left out.
-        said: notes on the proposal, without the sign at their end.
     """
-    first = recordings[0]
-    rows = sum(recording.length for recording in recordings)
-    count = f"{len(recordings)} recordings" if len(recordings) > 1 else "1 recording"
+    first, rows = recordings[0], sum(recording.length for recording in recordings)
+    many = len(recordings) > 1
     lines = [
-        f"# How {first.source if len(recordings) == 1 else first.source.parent} becomes a log: {count}, {rows} samples."
+        f"# How {first.source.parent if many else first.source} becomes a log: {len(recordings)} recording"
+        f"{'s' * many}, {rows} samples.",
+        "# Correct what is wrong; columns that are not wanted are removed. Then:",
+        f"#   {command}",
+        *(f"# Note: {note}." for note in dict.fromkeys(note for one in recordings for note in one.notes)),
+        *(f"# Left out: {one}" for one in left),
+        "columns:",
     ]
-    lines += ["# Correct what is wrong; columns that are not wanted are removed. Then:", f"#   {command}"]
-    lines += [f"# Note: {note}." for note in dict.fromkeys([*(n for one in recordings for n in one.notes), *said])]
-    lines += [f"# Left out: {one}" for one in left]
-    lines.append("columns:")
-    entries = [
-        (name, _scalar(read.text), MARKS.get(read.trust, "") + read.why) for name, read in proposal.columns.items()
-    ]
-    margin = min(max((len(name) + len(text) for name, text, _ in entries), default=0) + 6, 60)
-    for name, text, why in entries:
-        head = f"  {name}: {text}".ljust(margin)
+    entries = {name: (f"  {name}: {_scalar(read.text)}", MARKS.get(read.trust, "") + read.why)
+               for name, read in proposal.columns.items()}  # fmt: skip
+    margin = min(max((len(head) for head, _ in entries.values()), default=0) + 2, 60)
+    for head, why in entries.values():
         first_line, *more = textwrap.wrap(why, max(LINE_WIDTH - margin - 4, 40)) or [""]
-        lines.append(f"{head}  # {first_line}")
+        lines.append(f"{head.ljust(margin)}  # {first_line}")
         lines += [" " * margin + f"  # {line}" for line in more]
     if proposal.where:
-        lines.append(f"where: {_scalar(proposal.where)} # samples that are kept: others have no goal or no position")
+        lines.append(f"where: {_scalar(proposal.where)} # samples that are kept")
     if proposal.questions:
         lines.append("questions: # the import waits for these: correct the lines above, then remove the question")
         for question in proposal.questions:
-            lines.append(f"- about: [{', '.join(question.about)}]")
-            lines += [f"  ask: {_scalar(question.ask)}"]
+            lines += [f"- about: [{', '.join(question.about)}]", f"  ask: {_scalar(question.ask)}"]
     if proposal.unused:
         lines.append("unused: # columns of the file, and why")
         lines += [f"  {_scalar(name)}: {_scalar(why)}" for name, why in proposal.unused.items()]
     if sidecar:
-        lines.append("sidecar: # ${...} stands for a number or word of the file")
-        lines.append(
-            textwrap.indent(
-                yaml.safe_dump(dict(sidecar), sort_keys=False, allow_unicode=True, width=LINE_WIDTH), "  "
-            ).rstrip()
-        )
+        text = yaml.safe_dump(dict(sidecar), sort_keys=False, allow_unicode=True, width=LINE_WIDTH)
+        lines += ["sidecar: # ${...} stands for a number or word of the file", textwrap.indent(text, "  ").rstrip()]
     else:
-        lines.append(
-            "# sidecar: {robot: bench, robot_params: {mass: 0.5, length: 0.1}, actuators: {...}} # or fill it in later"
-        )
-    numbers = {key: value for key, value in first.facts.items() if not isinstance(value, str)}
-    if numbers:
-        lines.append(
-            "# Numbers of the file: " + ", ".join(f"{quoted(key)} = {value:g}" for key, value in numbers.items())
-        )
+        lines.append("# sidecar: {robot: bench, robot_params: {mass: 0.5, length: 0.1}, actuators: {...}}")
+    if numbers := [f"{quoted(key)} = {value:g}" for key, value in first.facts.items() if not isinstance(value, str)]:
+        lines.append("# Numbers of the file: " + ", ".join(numbers))
     return "\n".join(lines) + "\n"
 
 
 def _scalar(text: str) -> str:
     """Text as a YAML value on one line."""
-    return (
-        yaml.safe_dump(text, allow_unicode=True, width=10**6, default_flow_style=True)
-        .strip()
-        .removesuffix("\n...")
-        .strip()
-    )
+    plain = yaml.safe_dump(text, allow_unicode=True, width=10**6, default_flow_style=True)
+    return plain.strip().removesuffix("\n...").strip()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ....common.documents import DocumentError, read_json, read_yaml
+from ....common.documents import DocumentError, read_json
 from ..types import Array, LogError
 
 LARGEST_EXACT = 2**53
@@ -40,7 +40,7 @@ class Recording:
         notes: what the reader did, for people.
         units: what the format itself says of a column's unit, by column name.
         left: why a column of the file is none of numbers, by its name there.
-        parts: joint and name there, of columns that the file has once for each joint.
+        asks: question about a column of a role, or why one without is set aside, by column name.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     left: dict[str, str] = field(default_factory=dict)
-    parts: dict[str, tuple[str, str]] = field(default_factory=dict)
+    asks: dict[str, str] = field(default_factory=dict)
 
     @property
     def length(self) -> int:
@@ -65,27 +65,22 @@ class Recording:
         return {"row": np.arange(self.length, dtype=np.float64), **numbers, **self.columns}
 
 
-def facts_beside(path: Path) -> tuple[dict[str, float | str], tuple[str, ...]]:
-    """Numbers and words of ``<name>.meta.json`` or ``<name>.json`` beside a table, and notes.
+def facts_beside(path: Path) -> dict[str, float | str]:
+    """Numbers and words of ``<name>.meta.json`` beside a table.
 
     Raises:
-        LogError: the file that is called meta cannot be read, or is no mapping.
+        LogError: it cannot be read, or is no mapping.
     """
-    endings = (".meta.json", ".meta.yaml", ".json")
-    found = [path.with_suffix(ending) for ending in endings if path.with_suffix(ending) != path]
-    beside = next((file for file in found if file.is_file()), None)
-    if beside is None:
-        return {}, ()
+    beside = path.with_suffix(".meta.json")
+    if not beside.is_file():
+        return {}
     try:
-        content, fault = (read_yaml if beside.suffix == ".yaml" else read_json)(beside), ""
+        content, fault = read_json(beside), "must be a mapping of names to numbers"
     except DocumentError as error:
         content, fault = None, error.problem
-    facts = plain_facts(content) if isinstance(content, Mapping) else {}
-    if not facts and ".meta." not in beside.name:
-        return {}, (f"{beside.name} has no numbers by their names and is not read",)
     if not isinstance(content, Mapping):
-        raise LogError(f"{beside}: {fault or 'must be a mapping of names to numbers'}; correct or remove it.")
-    return facts, ()
+        raise LogError(f"{beside}: {fault}; correct or remove it.")
+    return plain_facts(content)
 
 
 def plain_facts(content: Mapping[str, Any]) -> dict[str, float | str]:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from .....common.documents import DocumentError, regular
 from ...sidecar import FOLDER_DEFAULTS
-from ...types import LogError
+from ...types import COMMANDS, LogError
+from ..clocks import find_clock, in_force, offset_note, overlap, together
+from ..lines import bare
+from ..names import said
 from ..recording import NoRecording, Recording
 from . import arrays, bags, tables
-from .cells import LONGEST_CELL
-from .documents import LINES, is_recording, read_json
+from .documents import LINES, read_json
 from .lerobot import is_lerobot, read_lerobot
+from .text import LONGEST_CELL
 
 LARGEST_FILE = 2**36
 """Size of a recording that is read [B]: what reads it takes it in parts, or has a bound of its own."""
@@ -23,12 +29,16 @@ READERS: dict[tuple[str, ...], Callable[[Path], list[Recording]]] = {
     (*tables.ENDINGS, ".log"): tables.read_table,
     (".json", *LINES): read_json,
     (".mat",): arrays.read_matlab,
-    (".npz", ".npy"): arrays.read_numpy,
+    (".npz",): arrays.read_numpy,
     arrays.HDF5: arrays.read_hdf5,
     arrays.TENSORS: arrays.read_tensors,
     bags.ENDINGS: bags.read_bag,
 }
-KNOWN = tuple(ending for endings in READERS for ending in endings if ending not in (".log", ".npy"))
+KNOWN = tuple(ending for endings in READERS for ending in endings if ending != ".log")
+TELLING = re.compile(
+    r"[_\W]*(states?|commands?|cmds?|feedback|measured|goals?|targets?|actions?|sensors?|motors?)[_\W]*", re.I
+)
+"""Words that tell the state's file of a run from the command's."""
 
 
 def read_recordings(path: Path) -> list[Recording]:
@@ -50,35 +60,24 @@ def read_source(path: Path) -> tuple[list[Recording], list[str]]:
         raise LogError(f"{path}: no such file or folder.")
     if not path.is_dir() or is_lerobot(path) or bags.is_bag(path):
         return _read_one(path), []
-    empty: dict[Path, NoRecording] = {}
+    empty: dict[Path, LogError] = {}
     found = _in_folder(path, empty)
-    if not found and empty:
-        raise next(iter(empty.values()))
     if not found:
-        raise LogError(
-            f"{path}: holds no recording that is known: {', '.join(KNOWN)}, or a LeRobot data set; nor do the folders "
-            "in it."
-        )
-    recordings = [
-        replace(recording, name="-".join((*file.relative_to(path).parts[:-1], recording.name)))
-        for file, inside in found
-        for recording in inside
-    ]
-    names: dict[str, Path] = {}
-    for recording in recordings:
-        if recording.name in names:
-            other = names[recording.name].name
+        kinds = f"{', '.join(KNOWN)}, or a LeRobot data set; nor do the folders in it."
+        raise next(iter(empty.values()), LogError(f"{path}: holds no recording that is known: {kinds}"))
+    recordings: dict[str, Recording] = {}
+    for file, recording in ((file, recording) for file, inside in found for recording in inside):
+        name = "-".join((*file.relative_to(path).parts[:-1], recording.name))
+        if name in recordings:
+            other = recordings[name].source.name
             raise LogError(f"{recording.source}: {other} has the same name; rename one, or import one at a time.")
-        names[recording.name] = recording.source
-    return recordings, [_why_left(file, fault) for file, fault in empty.items()]
+        recordings[name] = replace(recording, name=name)
+    left = [f"{file.name} {str(fault).removeprefix(f'{file}: ').partition('; ')[0].rstrip('.')}"
+            for file, fault in empty.items()]  # fmt: skip
+    return [*recordings.values()], left
 
 
-def _why_left(file: Path, fault: NoRecording) -> str:
-    """What is wrong with a file of a folder, without what to do about it: it is left out."""
-    return f"{file.name} {str(fault).removeprefix(f'{file}: ').partition('; ')[0].rstrip('.')}"
-
-
-def _in_folder(folder: Path, empty: dict[Path, NoRecording], depth: int = 0) -> list[tuple[Path, list[Recording]]]:
+def _in_folder(folder: Path, empty: dict[Path, LogError], depth: int = 0) -> list[tuple[Path, list[Recording]]]:
     """Files, bags and data sets of a folder with their recordings, else those of the folders in it.
 
     Folders of logs that were imported already are left out.
@@ -93,49 +92,118 @@ def _in_folder(folder: Path, empty: dict[Path, NoRecording], depth: int = 0) -> 
     for path in filter(_is_recording, entries):
         try:
             found.append((path, _read_one(path)))
-        except NoRecording as fault:
+        except LogError as fault:
+            if not isinstance(fault, NoRecording) and path.suffix.lower() != ".json":
+                raise
             empty[path] = fault
-    if found or depth == DEEPEST_FOLDER:
-        return found
-    folders = (path for path in entries if path.is_dir() and not (path / FOLDER_DEFAULTS).is_file())
-    for inner in folders:
-        found += [(inner, read_lerobot(inner))] if is_lerobot(inner) else _in_folder(inner, empty, depth + 1)
+    if not found and depth < DEEPEST_FOLDER:
+        for inner in (path for path in entries if path.is_dir() and not (path / FOLDER_DEFAULTS).is_file()):
+            found += [(inner, read_lerobot(inner))] if is_lerobot(inner) else _in_folder(inner, empty, depth + 1)
     return found
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether an entry of a folder may be a recording, and not a licence, or JSON that describes a table."""
+    if path.is_dir() or path.name.lower() in ("readme.txt", "license.txt"):
+        return path.is_dir() and bags.is_bag(path)
+    described = path.suffix.lower() == ".json" and any(path.with_suffix(end).is_file() for end in tables.ENDINGS)
+    return path.suffix.lower() in KNOWN and not described
 
 
 def _read_one(path: Path) -> list[Recording]:
     """The recordings of one file, bag or data set, within bounds."""
+    ending = path.suffix.lower()
+    reader = next((reader for endings, reader in READERS.items() if ending in endings), None)
+    if ending in arrays.PICKLES:
+        raise LogError(f"{path}: holds no named arrays, or can run any code; {arrays.save_as(path)}.")
+    if path.is_dir():
+        reader = read_lerobot if is_lerobot(path) else bags.read_bag
+    if reader is None:
+        raise LogError(f"{path}: is of no kind that is read; there are {', '.join(KNOWN)}, and LeRobot data sets.")
     try:
         if not path.is_dir():
             regular(path, LARGEST_FILE)
-        recordings = _read(path)
+        recordings = reader(path)
     except DocumentError as error:
         raise LogError(f"{error}; export it again.") from None
-    for name in (name for recording in recordings for name in recording.columns):
-        if len(name) > LONGEST_CELL:
-            raise LogError(f"{path}: column '{name[:40]}...' has a name of {len(name)} letters; give it a shorter one.")
+    if long := next((name for one in recordings for name in (*one.columns, *one.left) if len(name) > LONGEST_CELL), ""):
+        raise LogError(f"{path}: column '{long[:40]}...' has a name of {len(long)} letters; give it a shorter one.")
     return recordings
 
 
-def _read(path: Path) -> list[Recording]:
-    if path.is_dir():
-        return read_lerobot(path) if is_lerobot(path) else bags.read_bag(path)
-    ending = path.suffix.lower()
-    reader = next((reader for endings, reader in READERS.items() if ending in endings), None)
-    if reader:
-        return reader(path)
-    if ending in arrays.PICKLES:
+# --- files that are one recording: a file for each joint, or one for the state and one for the command ----------------
+
+
+def paired(recordings: Sequence[Recording], source: Path) -> list[Recording]:
+    """The runs that recordings of a folder are, where each has a file for its state and one for its command; else
+    none."""
+    stems: dict[str, list[Recording]] = {}
+    for one in recordings if source.is_dir() else ():
+        stems.setdefault(TELLING.sub("", one.name), []).append(one)
+    pairs = [_state_and_command(own) for own in stems.values()]
+    return [_beside(*pair, source) for pair in pairs if pair] if all(pairs) else []
+
+
+def check_runs(recordings: list[Recording], joints: Collection[str], source: Path) -> None:
+    """Refuse files that look like a joint each of one recording.
+
+    Args:
+        recordings: of one folder, with the same columns.
+        joints: that the robot has, empty where nobody names one.
+        source: the folder.
+
+    Raises:
+        LogError: two or more are called as joints of the robot, or their clocks say that all were made at one time.
+    """
+    files = {one.source for one in recordings}
+    if (
+        len(files) < 2
+        or len(files) < len(recordings)
+        or any(role.count(".") for one in recordings for role in one.roles.values())
+    ):
+        return
+    called = {bare(one.name) for one in recordings} & {*map(bare, joints)}
+    clock = find_clock(recordings[0]).name
+    times = [one.columns[clock] for one in recordings if clock in one.columns]
+    values = {
+        one.name: b"".join(one.columns[name].tobytes() for name in one.columns if name != clock) for one in recordings
+    }
+    if len(called) > 1 or (together(times) and len({*values.values()}) == len(recordings)):
         raise LogError(
-            f"{path}: is a pickle, which is not loaded, for it can run any code; save its arrays as a file of named "
-            f"arrays, np.savez('{path.stem}.npz', **arrays), where arrays is a dict with a vector for each column."
+            f"{source}: {', '.join(sorted(file.name for file in files)[:3])} look like a file for each joint of one "
+            f"recording, and not like runs; join them into one table with columns "
+            f"{recordings[0].name}.position, ..., or import each file on its own."
         )
-    raise LogError(f"{path}: is of no kind that is read; there are {', '.join(KNOWN)}, and LeRobot data sets.")
 
 
-def _is_recording(path: Path) -> bool:
-    """Whether a file of a folder is a recording, and not a licence or a description."""
-    if path.name.startswith(".") or path.name.lower() in ("readme.txt", "license.txt"):
-        return False
-    if path.is_dir():
-        return bags.is_bag(path)
-    return is_recording(path) if path.suffix.lower() == ".json" else path.suffix.lower() in KNOWN
+# --- a file for the state and one for the command --------------------------------------------------------------------
+
+
+def _state_and_command(own: Sequence[Recording]) -> tuple[Recording, Recording] | None:
+    """Of two recordings the one that has positions and the one that has what was commanded meanwhile; else None."""
+    signals = [{said(name).signal for name in one.columns} for one in own]
+    told = [bool(has & {*COMMANDS[:2]}) for has in signals]
+    if len(own) != 2 or told[0] == told[1] or ["position" in has for has in signals] != [not one for one in told]:
+        return None
+    state, command = own if told[1] else own[::-1]
+    times = [one.columns.get(find_clock(one).name) for one in (state, command)]
+    if times[0] is None or times[1] is None or not overlap([times[0], times[1]]):
+        return None
+    return state, command
+
+
+def _beside(state: Recording, command: Recording, source: Path) -> Recording:
+    """A state with the command that was in force over most of each sample."""
+    at, clock = state.columns[find_clock(state).name], find_clock(command).name
+    time = command.columns[clock]
+    columns = {f"command.{name}" if name in state.columns else name: in_force(time, values, at)[0]
+               for name, values in command.columns.items() if name != clock}  # fmt: skip
+    late = in_force(time, time, at)[1]
+    there = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
+    kept = {name: values[there] for name, values in (state.columns | columns).items()}
+    notes = [*state.notes, *command.notes,
+             f"{state.source.name} and {command.source.name} are the state and the command of one run"]  # fmt: skip
+    notes += [offset_note(command.source.name, f"{late:.3g}")] * (late > 0.0)
+    name = TELLING.sub("", state.name) or source.resolve().name
+    return replace(state, name=name, columns=kept, source=source, notes=tuple(dict.fromkeys(notes)),
+                   facts=command.facts | state.facts, left=command.left | state.left)  # fmt: skip

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
-from .....common.documents import RECORDING, DocumentError, load_array, load_arrays, regular
+from .....common.documents import RECORDING, DocumentError, load_arrays, regular
 from .....common.extras import needed_for
 from ...types import LogError
 from ..recording import Recording
 from .trees import recordings_of
 
-HDF5, TENSORS, PICKLES = (".h5", ".hdf5"), (".pt", ".pth"), (".pkl", ".pickle")
+HDF5, TENSORS, PICKLES = (".h5", ".hdf5"), (".pt", ".pth"), (".pkl", ".pickle", ".npy")
 DAMAGED = (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError)
 """What libraries raise of a file that is torn, or of what they do not know."""
 MATLAB73 = "Reading MATLAB files of version 7.3"
@@ -76,28 +76,20 @@ def _plain(value: Any) -> Any:
 
 
 def read_numpy(path: Path) -> list[Recording]:
-    """The recordings of a file of named arrays, as MATLAB's; or of one array: a matrix of a column for each signal, or
-    records with named fields.
+    """The recordings of a file of named arrays, as MATLAB's.
 
     Raises:
         LogError: it is damaged, or has no vectors.
     """
     try:
-        if path.suffix.lower() == ".npz":
-            return recordings_of(
-                path, "numpy", {name: _plain(one) for name, one in load_arrays(path, RECORDING).items()}
-            )
-        array = load_array(path, RECORDING)
+        named = load_arrays(path, RECORDING)
     except DocumentError as error:
-        more = "" if path.suffix.lower() == ".npz" else f"; {_save_as(path)}"
-        raise LogError(f"{path}: {error.problem}{more}.") from None
-    fields = array.dtype.names
-    return recordings_of(
-        path, "numpy", {name: array[name] for name in fields} if fields else {path.stem: _plain(array)}
-    )
+        raise LogError(f"{path}: {error.problem}; {save_as(path)}.") from None
+    return recordings_of(path, "numpy", {name: _plain(one) for name, one in named.items()})
 
 
-def _save_as(path: Path) -> str:
+def save_as(path: Path) -> str:
+    """How to save what a pickle or a single array holds."""
     file = f"np.savez('{path.stem}.npz', **arrays)"
     return f"save named arrays, {file}, where arrays is a dict with a vector for each column"
 
@@ -153,7 +145,7 @@ def read_tensors(path: Path) -> list[Recording]:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except (pickle.UnpicklingError, EOFError, *DAMAGED):
         raise LogError(
-            f"{path}: is no file of tensors: it is damaged, or holds what can run any code; {_save_as(path)}."
+            f"{path}: is no file of tensors: it is damaged, or holds what can run any code; {save_as(path)}."
         ) from None
     content = content if isinstance(content, dict) else {path.stem: content}
     tensors = {str(key): value for key, value in content.items()}

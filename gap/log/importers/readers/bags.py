@@ -1,39 +1,30 @@
-"""ROS bags, 1 and 2, and MCAP files: joint states are the rows, and commands hold their last value there.
+"""ROS bags, 1 and 2, and MCAP files: messages of joint states are the rows, and commands hold their last value there.
 
 A topic says what joints measured, what they were told, or numbers whose names say what they are. A controller's state
-is two topics: what it measured, and what it told.
+says both of the first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from .....common.extras import needed_for
-from ...types import Array, LogError
-from ..clocks import offset_note
-from ..recording import MOST_OF_THEM, Recording
-from .robots import is_led, robots_of
-from .topics import (
-    CONTROLLER,
-    DYNAMIC,
-    JOINT_STATE,
-    TRAJECTORY,
-    Topic,
-    commands,
-    joint_of,
-    laid_out,
-    numbers,
-    short,
-    trajectory_of,
-)
+from ...types import TOLD, LogError
+from ..clocks import in_force, offset_note
+from ..names import said
+from ..recording import Recording
 
 ENDINGS = (".bag", ".db3", ".mcap")
+JOINT_STATE, TRAJECTORY = "JointState", "JointTrajectory"
+CONTROLLER = "JointTrajectoryControllerState"
 MEASURED = {"position": "position", "velocity": "velocity", "effort": "torque"}
 COMMANDED = {"position": "goal", "velocity": "goal_velocity", "effort": "torque_command"}
 """Signals by the fields of joint states, measured and commanded."""
@@ -41,10 +32,55 @@ UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
 POINT_FIELDS = {"positions": "position", "velocities": "velocity", "effort": "effort"}
 """Fields of joint states by those of a point of a trajectory."""
 REFERENCE, FEEDBACK = ("reference", "desired"), ("feedback", "actual")
-"""Parts of a controller's state that say what it commands, and what it measured: by the new and by the old
-definition."""
-STATES = (CONTROLLER, DYNAMIC, JOINT_STATE)
-"""Types of messages that say what joints measured, the best last."""
+"""Parts of a controller's state that say what it commands, and what it measured, by the new and the old definition."""
+COMMAND_WORDS = ("command", "cmd", "goal", "desired", "target", "reference", "setpoint")
+LISTS = ("name", "joint_names")
+"""Fields that name the joints of the lists beside them."""
+SKIPPED = ("header", "layout", "multi_dof_joint_names")
+LEADING_SHARE = 0.1
+"""Share of the messages of the most frequent number of joints from which another number may lead."""
+PLAN = "its points are a plan: record the controller's state beside it, whose reference is what was commanded"
+
+PLACE = re.compile(r"(.+)\[(\d+)\]")
+LIST_ORDER = (
+    "whose are the places of {} and of the columns beside it? The list names no joints. The lines have them in the "
+    "order of the positions: exchange columns where its controller has another order"
+)
+UNNAMED = "{} of a list that names no joints: write <joint>.{} where you know whose it is"
+
+
+@dataclass(eq=False)
+class Topic:
+    """Messages of one topic: their type, when the bag received each and its stamp [s], and numbers by their fields."""
+
+    name: str
+    kind: str
+    times: list[tuple[float, float]] = field(default_factory=list)
+    rows: list[dict[str, float]] = field(default_factory=list)
+
+    def take(self, logged: float, message: Any) -> None:
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        seconds = getattr(stamp, "sec", 0) + 1e-9 * getattr(stamp, "nanosec", 0)
+        self.times.append((logged, float(seconds)))
+        self.rows.append(dict(_numbers(message)))
+
+    def frame(self, clock: int) -> pd.DataFrame:
+        """The numbers by one of both clocks, NaN where a message has none."""
+        time = np.array(self.times)[:, clock]
+        order = np.argsort(time, kind="stable")
+        return pd.DataFrame([self.rows[k] for k in order], index=time[order]).dropna(axis=1, how="all")
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A field of a topic: its column, ``joint.signal`` where it is a joint's, its unit, and its numbers by their time
+    [s]."""
+
+    topic: str
+    column: str
+    role: str
+    unit: str
+    values: pd.Series
 
 
 def is_bag(path: Path) -> bool:
@@ -56,329 +92,195 @@ def read_bag(path: Path) -> list[Recording]:
     """The one recording of a bag: the samples of its joint states, with the commands that held then.
 
     Raises:
-        LogError: it cannot be read, or has no joint states.
+        LogError: it cannot be read, has no joint states, or several robots whose joints have the same names.
         MissingPackage: the extra ``ros`` is not installed.
     """
     with needed_for("Reading ROS bags and MCAP files"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
 
-    messages: dict[str, _Messages] = {}
+    topics: dict[str, Topic] = {}
+    left: dict[str, str] = {}
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             kinds = {connection.topic: connection.msgtype for connection in reader.connections}
             used = [c for c in reader.connections if _of_joints(c.topic, c.msgtype)]
             known = [c for c in used if c.msgtype in reader.typestore.fielddefs]
+            left |= {short(c.topic): f"the bag does not say how {c.msgtype} is laid out; converted to MCAP (`ros2 bag "
+                     "convert`) it does" for c in used if c not in known}  # fmt: skip
             for connection, logged, raw in reader.messages(connections=known) if known else ():
-                own = messages.setdefault(connection.topic, _Messages(connection.msgtype))
+                own = topics.setdefault(
+                    connection.topic, Topic(connection.topic, connection.msgtype.rpartition("/")[2])
+                )
                 own.take(1e-9 * logged, reader.deserialize(raw, connection.msgtype))
     except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise LogError(f"{path}: cannot be read as a bag: {reason}") from None
-    unknown = {c.topic: c.msgtype for c in used if c not in known}
-    left = {short(name): "its messages have no numbers of joints that are read" for name in messages
-            if messages[name].silent}  # fmt: skip
-    left |= {short(name): f"the bag does not say how {kind} is laid out; converted to MCAP (`ros2 bag convert`) it does"
-             for name, kind in unknown.items()}  # fmt: skip
-    topics, notes = _on_one_clock({name: own for name, own in messages.items() if not own.silent})
-    states, others = _by_role(topics, left)
-    main, stands_in = _main(states, left)
-    if main is None:
-        raise LogError(f"{path}: {_without_states(kinds, unknown)}")
-    table = _Table(states, main, left)
-    table.merge(others)
-    name = path.stem if path.is_file() else path.name
-    return [Recording(name, table.columns, path, "ros", roles=table.roles, units=table.units, left=left,
-                      notes=(*table.notes, *stands_in, *notes))]  # fmt: skip
+    for topic in [topic for topic in topics.values() if not any(topic.rows)]:
+        left[short(topic.name)] = PLAN if topic.kind == TRAJECTORY else "its messages have no numbers of joints"
+        del topics[topic.name]
+    states, commands, notes = _series(topics, left)
+    if not states:
+        there = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items())[:6]) or "nothing"
+        why = f"; {next(iter(left))}: {next(iter(left.values()))}" if left else ""
+        raise LogError(f"{path}: has no joint states with positions; it holds {there}{why}.")
+    main, rows = _rows(states, left, path)
+    notes += [f"samples are the messages of {main}"]
+    return [_held(path, rows, commands, left, notes)]
+
+
+def short(topic: str) -> str:
+    """A topic as names of columns begin."""
+    return topic.strip("/").replace("/", ".")
+
+
+def _commands(topic: str) -> bool:
+    """Whether a topic is called as one of commands."""
+    return any(word in topic.lower() for word in COMMAND_WORDS)
 
 
 def _of_joints(topic: str, kind: str) -> bool:
     """Whether a topic may say something of joints: by its type, and where that says too little by its name."""
     plain = kind.rpartition("/")[2]
-    if kind == JOINT_STATE or plain.startswith("JointTrajectory"):
+    if kind == f"sensor_msgs/msg/{JOINT_STATE}" or plain.startswith(TRAJECTORY):
         return True
-    words = ("Float64", "Float32", "JointState", "DynamicJointState", "MultiArray")
-    return plain.startswith(words) and (commands(topic) or "state" in topic)
+    words = ("Float64", "Float32", JOINT_STATE, "MultiArray")
+    return plain.startswith(words) and (_commands(topic) or "state" in topic)
 
 
-class _Messages:
-    """Messages of one topic as they come: when the bag received each, its stamp [s], and its numbers or trajectory."""
-
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
-        self.times: list[tuple[float, float]] = []
-        self.content: list[Any] = []
-
-    @property
-    def silent(self) -> bool:
-        return not any(self.content)
-
-    def take(self, logged: float, message: Any) -> None:
-        content = trajectory_of(message) if self.kind == TRAJECTORY else dict(numbers(message))
-        if content is None:
-            return
-        stamp = getattr(getattr(message, "header", None), "stamp", None)
-        seconds = getattr(stamp, "sec", 0) + 1e-9 * getattr(stamp, "nanosec", 0)
-        self.times.append((logged, float(seconds) if seconds > 0.0 else float("nan")))
-        self.content.append(content)
-
-    def topic(self, clock: int) -> Topic:
-        """The messages by one of both clocks; those without a time are left out."""
-        time = np.array(self.times)[:, clock]
-        order = [k for k in np.argsort(time, kind="stable") if np.isfinite(time[k]) and self.content[k]]
-        content = [self.content[k] for k in order]
-        if self.kind == TRAJECTORY:
-            return Topic(self.kind, pd.DataFrame(index=time[order]), tuple(content))
-        return Topic(self.kind, pd.DataFrame(content, index=time[order]).dropna(axis=1, how="all"))
-
-
-def _on_one_clock(messages: Mapping[str, _Messages]) -> tuple[dict[str, Topic], list[str]]:
-    """Topics by one clock, and notes which that is.
-
-    Headers are stamped by the clock of the simulation or of another computer, so they do not go with times of the
-    bag. The first stamps of a simulation may be missing: such messages are taken out. No trajectory is: each is a
-    command, and a stamp of zero asks a controller to start at once.
-    """
-    missing = {name: np.isnan([stamp for _, stamp in own.times]) for name, own in messages.items()}
-    bare = [name for name, none in missing.items()
-            if none.mean() > (0.0 if messages[name].kind == TRAJECTORY else MOST_OF_THEM)]  # fmt: skip
-    notes = ["times are the stamps of the messages"]
-    notes += [f"{none.sum()} messages of {name} without a stamp are left out" for name, none in missing.items()
-              if none.any()]  # fmt: skip
-    if bare:
-        notes = [f"times are those at which the bag received the messages, since those of {bare[0]} have no stamp"]
-    return {name: own.topic(0 if bare else 1) for name, own in messages.items()}, notes
-
-
-def _by_role(topics: Mapping[str, Topic], left: dict[str, str]) -> tuple[dict[str, Topic], dict[str, Topic]]:
-    """Topics of what joints measured, and all others, what controllers say that they command first."""
-    states: dict[str, Topic] = {}
-    told: dict[str, Topic] = {}
-    for name, topic in sorted(
-        topics.items(), key=lambda one: (not one[1].is_a(CONTROLLER), bool(one[1].paths), one[0])
-    ):
-        if not topic.is_a(CONTROLLER):
-            (states if topic.is_a(*STATES) and not commands(name) else told)[name] = topic
+def _numbers(message: Any, prefix: str = "", joints: tuple[str, ...] = ()) -> Iterator[tuple[str, float]]:
+    """Numbers of a message by the path of their field; lists beside a list of joints by the joint's name."""
+    fields = {
+        key: getattr(message, key) for key in getattr(message, "__dataclass_fields__", {}) if not key.startswith("__")
+    }
+    joints = next((tuple(map(str, fields[key])) for key in LISTS if len(fields.get(key, ())) > 0), joints)
+    for key, value in fields.items():
+        if key in SKIPPED or key in LISTS:
             continue
-        parts: dict[str, dict[str, str]] = {}
-        for field in map(str, topic.frame):
-            rest, _, last = field.rpartition(".")
-            joint, _, part = rest.rpartition(".")
-            if part in REFERENCE + FEEDBACK and last in POINT_FIELDS:
-                parts.setdefault(part, {})[field] = f"{joint}.{POINT_FIELDS[last]}"
-            else:
-                left[f"{short(name)}.{part}"] = "a value within the controller, which the log has no column for"
-        for part in parts:
-            own: Any = topic.frame[list(parts[part])]
-            if part in FEEDBACK:
-                states[f"{name}/{part}"] = Topic(topic.kind, own.rename(columns=parts[part]))
-            else:
-                told[name] = Topic(topic.kind, own, fields=parts[part])
-    return states, told
+        path = f"{prefix}{key}"
+        if isinstance(value, bool | int | float | np.number):
+            yield path, float(value)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+            named = len(joints) == len(value)
+            for k, number in enumerate(value):
+                plain = path if len(value) == 1 else f"{path}[{k}]"
+                yield f"{joints[k]}.{path}" if named else plain, float(number)
+        elif hasattr(value, "__dataclass_fields__"):
+            yield from _numbers(value, f"{path}.", joints)
 
 
-def _main(states: dict[str, Topic], left: dict[str, str]) -> tuple[str | None, list[str]]:
-    """The topic whose messages are the rows of the log, and notes; None where nothing says a position.
+# --- what joints measured, and what they were told -------------------------------------------------------------------
 
-    Joint states go before what stands in for them, which is then told. What several controllers measured is one topic:
-    a joint that two have is of the first.
+
+def _series(
+    topics: Mapping[str, Topic], left: dict[str, str]
+) -> tuple[dict[str, list[Series]], list[Series], list[str]]:
+    """What joints measured by topic, of joint states or else of controllers; what they were told, the word of a
+    controller first, and other numbers; and notes.
+
+    All stand on one clock: headers are stamped by the clock of the simulation or of another computer, so where a
+    message has no stamp the times of the bag hold for all.
     """
-
-    def rank(name: str) -> tuple[int, bool, int, str]:  # an arm that is led by hand comes last
-        topic = states[name]
-        place = next(k for k, kind in enumerate(STATES) if topic.is_a(kind))
-        return place, not is_led(short(name).replace(".", "_")), len(topic.frame), name
-
-    main = max((name for name, topic in states.items() if topic.with_positions()), key=rank, default=None)
-    if main is None:
-        return None, []
-    kind = STATES[rank(main)[0]]
-    controllers = sorted(name for name, topic in states.items() if topic.is_a(CONTROLLER))
-    if kind == CONTROLLER and len(controllers) > 1:
-        frames: dict[str, Any] = {}
-        for name in controllers:
-            taken = {joint_of(str(field)) for frame in frames.values() for field in frame}
-            own = states.pop(name).frame
-            frames[name] = own[[field for field in own if joint_of(str(field)) not in taken]]
-        main = "/controllers/feedback"
-        states[main] = Topic(JOINT_STATE, pd.concat(frames.values()).sort_index(kind="stable"))
-        return main, [f"the bag has no {JOINT_STATE} with positions: what {', '.join(frames)} measured stands in"]
-    for name in [name for name, topic in states.items() if not topic.is_a(kind)]:
-        more = [joint for joint in states.pop(name).with_positions() if joint not in states[main].with_positions()]
-        has = f", which does not have {', '.join(more)}" if more else ": it has its joints"
-        left[short(name)] = f"{main} is taken{has}"
-    return main, [f"the bag has no {JOINT_STATE} with positions: {main} stands in"] * (kind != JOINT_STATE)
-
-
-def _without_states(kinds: Mapping[str, str], unknown: Mapping[str, str]) -> str:
-    there = ", ".join(f"{name} ({kind})" for name, kind in sorted((unknown or kinds).items())[:6]) or "nothing"
-    if not unknown:
-        return f"has no {JOINT_STATE} with positions; it holds {there}."
-    return (
-        f"has no {JOINT_STATE} with positions, and its storage does not say how {there} is laid out; record the joint "
-        "states beside, or convert the bag to MCAP, which carries definitions (`ros2 bag convert` where ROS knows "
-        "these types)."
-    )
-
-
-class _Table:
-    """The table that topics make: joint states are its rows, and commands hold their last value there."""
-
-    def __init__(self, states: Mapping[str, Topic], main: str, left: dict[str, str]) -> None:
-        self.states, self.main, self.left = states, main, left
-        self.time: Array = np.zeros(0)
-        self.columns: dict[str, Array] = {}
-        self.roles: dict[str, str] = {}
-        self.units: dict[str, str] = {}
-        self.notes: list[str] = []
-        self.commanded: list[str] = []  # columns that say a command
-        self.goals: dict[str, str] = {}  # column by joint, of controllers
-
-    def merge(self, others: Mapping[str, Topic]) -> None:
-        """All topics at the times of the joint states."""
-        apart = {name: why for name, topic in {**self.states, **others}.items() if (why := self._apart(topic))}
-        self.left |= {short(name): why for name, why in apart.items()}
-        near = {name: topic for name, topic in self.states.items() if name not in apart}
-        self.robots = robots_of(near, self.main)
-        self._rows(self.robots.joints[self.main])
-        for name, joints in self.robots.joints.items():
-            if name != self.main:
-                led = any(map(is_led, joints.values()))
-                what = "led by hand" if led else "of another robot"
-                called = ", ".join(joints.values())
-                self.notes.append(f"{name} is {what}, for its joints have the same names: {called}")
-                self._without(self._measured(name, joints, led=led), f"{name} has no value")
-        again = {name: topic for name, topic in near.items() if name not in self.robots.joints}
-        for name, topic in {**again, **others}.items():
-            if name not in apart:
-                self._told(name, topic)
-        first = max((int(np.argmax(np.isfinite(self.columns[name]))) for name in self.commanded), default=0)
-        if first:
-            self.notes.append(f"the first {first} samples, before the first command, are left out")
-            self._cut(np.arange(len(self.time)) >= first)
-
-    def _add(self, column: str, values: Array, joint: str, signal: str, unit: str) -> None:
-        self.columns[column] = values
-        if joint and signal:
-            self.roles[column] = f"{joint.replace('/', '_')}.{signal}"
-        if unit:
-            self.units[column] = unit
-
-    def _cut(self, keep: NDArray[np.bool_]) -> None:
-        self.time = self.time[keep]
-        self.columns = {name: values[keep] for name, values in self.columns.items()}
-
-    def _apart(self, topic: Topic) -> str:
-        """Why a topic cannot be held at the times of the joint states; empty where the two overlap."""
-        main, own = self.states[self.main].time, topic.time
-        last = max((start + path.after[-1] for start, path in zip(own, topic.paths, strict=False)), default=own[-1])
-        gap = max(float(own[0] - main[-1]), float(main[0] - last))
-        when = "after the last" if own[0] > main[-1] else "before the first"
-        why = f"its times do not overlap with those of {self.main}: all are {gap:.3g} s {when} of them"
-        return why if gap > 0.0 else ""
-
-    # --- what was measured -------------------------------------------------------------------------------------------
-
-    def _rows(self, names: Mapping[str, str]) -> None:
-        """The joint states: rows, and their numbers; joints that only other messages name are brought onto these
-        rows."""
-        topic = self.states[self.main]
-        lead, rest = topic.leading()
-        rows: Any = topic.frame[lead]
-        rows = rows[~rows.index.duplicated()]
-        self.time = rows.index.to_numpy(np.float64)
-        self._add("stamp", self.time, "", "", "s")
-        self.roles["stamp"] = "time"
-        self.notes.append(f"samples are the messages of {self.main}")
-        there = self._measured(self.main, names, rows.drop(columns=[f for f in rows if joint_of(str(f)) in rest]))
-        among = [joint for joint in rest if any(joint_of(name).endswith(f".{joint}") for name in self.columns)]
-        if among:
-            self.notes.append(
-                f"messages of {self.main} name joints in turn: samples are those of the most joints, and "
-                f"{', '.join(among)} of other messages is linear between its own"
-            )
-        elif not lead.all():
-            self.notes.append(f"{int((~lead).sum())} messages of {self.main} that name other joints are left out")
-        self._without(there, "not all joints were measured")
-
-    def _measured(
-        self, name: str, names: Mapping[str, str], rows: pd.DataFrame | None = None, led: bool = False
-    ) -> NDArray[np.bool_]:
-        """Take what joint states measured, linear between their messages where these are not the rows themselves.
-
-        Args:
-            name: of the topic.
-            names: of its joints in the log.
-            rows: messages that are the rows, with the fields that they have; None where none is.
-            led: whether the arm is led by hand: what it measures is what the other one is told, and holds.
-
-        Returns:
-            Where all that is linear has a value.
-        """
-        topic, there = self.states[name], np.full(len(self.time), True)
-        for field in map(str, topic.frame):
-            joint, _, last = field.rpartition(".")
-            column = f"{short(name)}.{field}"
-            if rows is not None and field in rows:
-                values = rows[field].to_numpy(np.float64)
+    bare = next((topic.name for topic in topics.values() if not all(stamp > 0.0 for _, stamp in topic.times)), "")
+    at = f"those at which the bag received the messages, since messages of {bare} have no stamp"
+    notes = [f"times are {at if bare else 'the stamps of the messages'}"]
+    states, feedback, told = dict[str, list[Series]](), dict[str, list[Series]](), list[Series]()
+    for topic in sorted(topics.values(), key=lambda topic: (topic.kind != CONTROLLER, topic.name)):
+        frame: Any = topic.frame(0 if bare else 1)
+        for name in map(str, frame):
+            joint, _, what = name.rpartition(".")
+            part = ""
+            if topic.kind == CONTROLLER:
+                joint, _, part = joint.rpartition(".")
+                what = POINT_FIELDS.get(what, "") if part in REFERENCE + FEEDBACK else ""
+            of_joint = topic.kind in (JOINT_STATE, CONTROLLER) and what in MEASURED
+            commanded = part in REFERENCE or (not part and _commands(topic.name))
+            signal = (COMMANDED if commanded else MEASURED).get(what, "") if of_joint else ""
+            role = f"{joint.replace('/', '_')}.{signal}" if signal else ""
+            one = Series(topic.name, f"{short(topic.name)}.{name}", role, UNITS[what] if of_joint else "", frame[name])
+            if part and not signal:
+                left[f"{short(topic.name)}.{part}"] = "a value within the controller"
+            elif commanded or topic.kind not in (JOINT_STATE, CONTROLLER):
+                told.append(one)
             else:
-                values = topic.in_force(field, self.time)[0] if led else topic.between(field, self.time)
-                share = float(np.isfinite(values).mean())
-                if share < MOST_OF_THEM:
-                    self.left[column] = f"its messages have it along {100.0 * share:.0f} % of the samples"
-                    continue
-                there &= np.isfinite(values)
-            if np.isfinite(values).any():
-                self._add(column, values, names.get(joint, joint), MEASURED.get(last, ""), UNITS.get(last, ""))
-        return there
+                (feedback if part else states).setdefault(f"{topic.name}{'/' * bool(part)}{part}", []).append(one)
+    measured = {name: own for name, own in states.items() if _positions(own)}
+    if not measured and feedback:
+        measured = {name: own for name, own in feedback.items() if _positions(own)}
+        notes.append(f"no {JOINT_STATE} has positions: {', '.join(measured)} stands in")
+    left |= {short(name): "joint states are taken" for name in (*states, *feedback) if name not in measured}
+    return measured, told, notes
 
-    def _without(self, there: NDArray[np.bool_], why: str) -> None:
-        if there.any() and not there.all():
-            self.notes.append(f"{int((~there).sum())} samples, at which {why}, are left out")
-            self._cut(there)
-        self.columns["stamp"] = self.time - self.time[0]
 
-    # --- what was commanded ------------------------------------------------------------------------------------------
+def _positions(own: list[Series]) -> list[str]:
+    """Joints whose position is among series."""
+    return [one.role.removesuffix(".position") for one in own if one.role.endswith(".position")]
 
-    def _told(self, name: str, topic: Topic) -> None:
-        """A topic that is no state: joint states, trajectories and controllers say goals and torques of joints, other
-        numbers what their names say."""
-        of_joints = topic.is_a(CONTROLLER, TRAJECTORY) or (topic.is_a(JOINT_STATE) and commands(name))
-        fields = {field: topic.fields.get(field, field) for field in map(str, topic.frame)}
-        laid: dict[str, Array] = {}
-        if topic.paths:
-            laid = self._laid_out(name, topic)
-            fields = {f"{joint}.goal": f"{joint}.position" for joint in laid}
-        for field, meant in fields.items():
-            joint, _, last = meant.rpartition(".")
-            column, unit = f"{short(name)}.{field}", UNITS.get(last, "") if of_joints else ""
-            owner = self.robots.owner(name, joint) if unit else None
-            own, signal = (owner[1], COMMANDED[last]) if owner else ("", "")
-            by = self.goals.get(own, "") if signal else ""
-            if by and not by.startswith(f"{short(name)}."):
-                # what a controller says that it commanded is better than what it was asked for
-                self.left[column] = f"{by} is its goal as well, and is taken"
-                continue
-            values, late = topic.in_force(field, self.time) if not laid else (laid[joint], 0.0)
-            if commands(name) and late > 1e-9 and (note := offset_note(name, f"{1e3 * late:.3g} ms")) not in self.notes:
-                self.notes.append(note)
-            if not np.isfinite(values).any():
-                continue
-            self._add(column, values, own, signal, unit)
-            if signal or commands(column):
-                self.commanded.append(column)
-            if signal == "goal" and topic.is_a(CONTROLLER):
-                self.goals[own] = column
 
-    def _laid_out(self, name: str, topic: Topic) -> dict[str, Array]:
-        """Goals of trajectories by joint."""
-        measured = {}
-        for joint in dict.fromkeys(joint for path in topic.paths for joint in path.joints):
-            owner = self.robots.owner(name, joint)
-            if owner and (column := f"{short(owner[0])}.{joint}.position") in self.columns:
-                measured[joint] = self.columns[column]
-        self.notes.append(
-            f"goals of {name} go to its points, each `time_from_start` after its message, from the goal before or, at "
-            "first, the measured position"
-        )
-        return laid_out(topic.paths, topic.time, self.time, measured)
+def _rows(states: dict[str, list[Series]], left: dict[str, str], path: Path) -> tuple[str, dict[str, Series]]:
+    """The topic with the most numbers, whose messages that have the most of them are the rows, and its series there.
+
+    Raises:
+        LogError: two topics have the same joint.
+    """
+    main = max(states, key=lambda name: (len(states[name]), name))
+    for name in states.keys() - {main}:
+        if shared := {*_positions(states[name])} & {*_positions(states[main])}:
+            raise LogError(
+                f"{path}: {main} and {name} both have the joint '{min(shared)}'; import a bag with one topic of joint "
+                "states for each joint (`ros2 bag convert`, `rosbag filter`)."
+            )
+        left[short(name)] = f"samples are those of {main}"
+    frame: Any = pd.concat({one.column: one.values for one in states[main]}, axis=1)
+    counts = frame.notna().sum(axis=1)
+    usual = counts.value_counts()
+    rows = frame[counts == max(count for count, times in usual.items() if times >= LEADING_SHARE * usual.max())]
+    rows = rows[~rows.index.duplicated()].dropna(axis=1)
+    left |= dict.fromkeys(frame.columns.difference(rows.columns), "it is not in the messages that name the most joints")
+    return main, {one.column: replace(one, values=rows[one.column]) for one in states[main] if one.column in rows}
+
+
+def _held(
+    path: Path, rows: dict[str, Series], commands: list[Series], left: dict[str, str], notes: list[str]
+) -> Recording:
+    """The recording of rows with commands and other numbers, which hold until the next; of two commands of a joint the
+    first is taken, and what stands before the first command is left out."""
+    time = next(iter(rows.values())).values.index.to_numpy(np.float64)
+    joints, taken, asks, begins = _positions([*rows.values()]), dict[str, str](), dict[str, str](), 0
+    columns = {column: one.values.to_numpy(np.float64) for column, one in rows.items()}
+    used, lists = dict(rows), Counter(match[1] for one in commands if (match := PLACE.fullmatch(one.column)))
+    for one in commands:
+        role, known = one.role, one.values.dropna()
+        if not role and (match := PLACE.fullmatch(one.column)):
+            role, asks[one.column] = _placed(match, lists[match[1]], joints)
+        if role in taken:
+            left[one.column] = f"{taken[role]} is its {role.rpartition('.')[2].replace('_', ' ')} as well"
+            asks.pop(one.column, None)
+            continue
+        if known.index[0] > time[-1] or known.index[-1] < time[0]:
+            left[one.column] = "its times do not overlap with those of the joint states"
+            continue
+        values, late = in_force(known.index.to_numpy(np.float64), known.to_numpy(np.float64), time)
+        used[one.column], columns[one.column] = replace(one, role=role), values
+        taken |= {role: one.column} if role else {}
+        if role or _commands(one.column):
+            begins = max(begins, int(np.argmax(np.isfinite(values))))
+            notes += [offset_note(one.topic, f"{1e3 * late:.3g} ms")] * (late > 1e-9)
+    if begins:
+        notes.append(f"the first {begins} samples, before the first command, are left out")
+    columns = {"stamp": time - time[0]} | columns
+    roles = {"stamp": "time"} | {column: one.role for column, one in used.items() if one.role}
+    units = {"stamp": "s"} | {column: one.unit for column, one in used.items() if one.unit}
+    name = path.stem if path.is_file() else path.name
+    cut = {column: own[begins:] for column, own in columns.items()}
+    told = tuple(dict.fromkeys(notes))
+    return Recording(name, cut, path, "ros", roles=roles, notes=told, units=units, left=left, asks=asks)
+
+
+def _placed(match: re.Match[str], count: int, joints: list[str]) -> tuple[str, str]:
+    """The role of a place of a list that names no joints, asked about where it has as many as there are joints; and the
+    question, or why it has none."""
+    signal = said(match[0]).signal
+    if count == len(joints) and signal in TOLD:
+        return f"{joints[int(match[2])]}.{signal}", LIST_ORDER.format(f"{match[1]}[0]")
+    return "", UNNAMED.format(signal or "a number", signal or "goal")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +17,7 @@ from ...types import LogError
 from ..names import said
 from ..recording import FEWEST_RECORDED, NoRecording, Recording, plain_facts
 from ..units import measures, unit_of
-from .cells import numeric_columns
-from .tables import ENDINGS, recording_of
+from .tables import recording_of
 from .trees import is_structures, recordings_of
 
 LINES = (".jsonl", ".ndjson")
@@ -45,51 +45,36 @@ def read_json(path: Path) -> list[Recording]:
     bam = is_bam(content)
     if not bam and (runs := _runs(content)):
         return recordings_of(path, "json", runs)
-    frame, left = _frame(content["entries"] if bam else content)
-    if frame is None:
+    columns = _columns(content["entries"] if bam else content)
+    lengths = Counter(map(len, columns.values()))
+    length = max(lengths, key=lambda n: (lengths[n], n), default=0)
+    kept = {name: cells for name, cells in columns.items() if len(cells) == length}
+    if length < MINIMUM_SAMPLES:
         raise NoRecording(
             f"{path}: is no recording: a list of rows, a mapping of columns to lists of one length, one row a line, "
             "runs with vectors, or the list 'entries' of BAM is expected."
         )
-    notes = [f"left out, for they do not have {len(frame)} samples: {', '.join(left)}"] if left else []
+    left = sorted(columns.keys() - kept.keys())
+    notes = [f"left out, for they do not have {length} samples: {', '.join(left)}"] if left else []
+    above = {name.partition(".")[0] for name in kept}
+    if isinstance(content, Mapping) and len(above) == 1 and is_structures(content.get(rows := above.pop())):
+        kept = {name.removeprefix(f"{rows}."): cells for name, cells in kept.items()}
     facts = plain_facts(content) if isinstance(content, Mapping) else {}
+    frame = pd.DataFrame({name: _series(cells) for name, cells in kept.items()})
     recording = recording_of(frame, path, notes, facts)
     return [replace(recording, kind="bam", facts=facts) if bam else _with_units(recording, content)]
-
-
-def is_recording(path: Path) -> bool:
-    """Whether a JSON file of a folder is a recording, and not a description."""
-    try:
-        content = _content(path)
-    except (LogError, DocumentError):
-        return False
-    if is_bam(content) or _runs(content):
-        return True
-    frame = (
-        None if any(path.with_suffix(ending).is_file() for ending in ENDINGS) else _frame(content)[0]
-    )  # which it describes
-    return frame is not None and len(frame) >= FEWEST_RECORDED and bool(numeric_columns(frame).columns)
 
 
 def _content(path: Path) -> Any:
     """A JSON file, or the list of its lines where each is JSON of its own."""
     text = read_text(path, RECORDING)
-    try:
-        return parse_json(text, str(path)) if path.suffix.lower() not in LINES else _lines(path, text)
-    except DocumentError as error:
-        if path.suffix.lower() not in LINES and error.line and text.lstrip().startswith("{"):
-            return _lines(path, text)
-        raise
-
-
-def _lines(path: Path, text: str) -> list[Any]:
-    rows, lines = [], [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
-    for k, line in lines:
+    if path.suffix.lower() not in LINES:
+        return parse_json(text, str(path))
+    rows = []
+    for k, line in enumerate(text.splitlines(), 1):
         try:
-            rows.append(parse_json(line))
+            rows += [parse_json(line)] if line.strip() else []
         except DocumentError as error:
-            if line is lines[-1][1] and len(rows) >= MINIMUM_SAMPLES:  # cut off
-                break
             raise LogError(f"{path}: line {k} is not JSON: it {error.problem}; correct or remove it.") from None
     return rows
 
@@ -115,25 +100,19 @@ def _arrays(value: Any) -> Any:
         return value if all(isinstance(one, str) for one in value) else None
 
 
-def _frame(content: Any) -> tuple[pd.DataFrame | None, list[str]]:
-    """The table that JSON holds, None where it holds none, and names of lists of other lengths."""
+def _columns(content: Any) -> dict[str, list[Any]]:
+    """Lists by their dotted names; those of rows by the names in the rows, none where these are mostly empty."""
     if isinstance(content, Mapping):
-        columns = {name: cells for name, cells in _flat(content).items() if isinstance(cells, list)}
-        lengths = [len(cells) for cells in columns.values()]
-        rows = [name for name, cells in columns.items() if is_structures(cells) and len(cells) == max(lengths)]
-        if len(rows) == 1 and lengths.count(max(lengths)) == 1:
-            return _frame(columns[rows[0]])[0], sorted(columns.keys() - rows)
-        length = max(set(lengths), key=lambda n: (lengths.count(n), n), default=0)
-        kept = {name: cells for name, cells in columns.items() if len(cells) == length}
-        content = [dict(zip(kept, row, strict=True)) for row in zip(*kept.values(), strict=True)]
-        return _frame(content)[0], sorted(columns.keys() - kept.keys())
-    if not is_structures(content) or len(content) < MINIMUM_SAMPLES:
-        return None, []
+        return {f"{key}{f'.{name}' * bool(name)}": cells
+                for key, value in content.items() for name, cells in _columns(value).items()}  # fmt: skip
+    if not is_structures(content):
+        flat = isinstance(content, list) and content and not any(isinstance(one, Mapping) for one in content)
+        return {"": content} if flat else {}
     flat = [_flat(row) for row in content]
     names = dict.fromkeys(name for row in flat for name in row)
     if len(names) * len(flat) > EMPTY_CELLS * sum(map(len, flat)) + FREE_CELLS:
-        return None, []
-    return pd.DataFrame({name: _series([row.get(name) for row in flat]) for name in names}), []
+        return {}
+    return {name: [row.get(name) for row in flat] for name in names}
 
 
 def _flat(row: Mapping[str, Any], above: str = "") -> dict[str, Any]:
@@ -146,28 +125,23 @@ def _flat(row: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 def _series(cells: list[Any]) -> pd.Series:
     """Cells as pandas has them; of several kinds as text."""
-    kinds = {
-        list if isinstance(cell, list) else str if isinstance(cell, str) else float
-        for cell in cells
-        if cell is not None
-    }
-    if kinds == {float} and not all(isinstance(cell, int) for cell in cells):
+    known = [cell for cell in cells if cell is not None]
+    numbers = all(isinstance(cell, int | float) for cell in known)
+    if numbers and any(isinstance(cell, float) for cell in known):
         return pd.Series(cells, dtype=np.float64)
-    mixed = len(kinds) > 1
+    mixed = not numbers and len({type(cell) for cell in known}) > 1
     return pd.Series([str(cell) if mixed and cell is not None else cell for cell in cells], dtype=object)
 
 
 def _with_units(recording: Recording, content: Any) -> Recording:
     """The recording with the units that its file says beside the columns, by their names or by one word for the
     angles."""
-    entries = [content[key] for key in OF_UNITS if key in content] if isinstance(content, Mapping) else []
     units: dict[str, str] = {}
-    for column in recording.columns if entries else ():
-        name = recording.parts.get(column, ("", column))[1]
-        for entry in entries if not said(name).unit else ():
-            word = entry.get(name, entry.get(name.partition("[")[0])) if isinstance(entry, Mapping) else entry
-            unit = unit_of(word) if isinstance(word, str) else ""
-            angle = measures(unit, "angle", "way") and said(name).signal in ("position", "goal", "link_position")
+    for entry in (content[key] for key in OF_UNITS if isinstance(content, Mapping) and key in content):
+        for column in recording.columns:
+            word = entry.get(column, entry.get(column.partition("[")[0])) if isinstance(entry, Mapping) else entry
+            unit = unit_of(word) if isinstance(word, str) and not said(column).unit else ""
+            angle = measures(unit, "angle", "way") and said(column).signal in ("position", "goal", "link_position")
             if unit and (isinstance(entry, Mapping) or angle):
                 units[column] = unit
     return replace(recording, units=units)

@@ -17,8 +17,7 @@ from pyarrow import ArrowInvalid, parquet
 from .....common.documents import read_json
 from ...types import LogError
 from ..recording import Recording
-from .cells import numeric_columns
-from .tables import read_parquet
+from .tables import numeric_columns, read_parquet
 
 INFO = Path("meta/info.json")
 MEASURED = "observation.state"
@@ -61,7 +60,6 @@ def read_lerobot(folder: Path) -> list[Recording]:
     robot = str(info.get("robot_type") or "")
     notes = [
         "timestamps are the frame's number over the frame rate, not read from a clock",
-        *(note for name in named for note in _nameless(name, features[name])),
         *([GAINS.format(robot)] if FOLLOWERS.match(robot) else []),
     ]
     table = pd.concat([_file(path, named) for path in files], ignore_index=True)
@@ -102,12 +100,8 @@ def _columns(table: Any, features: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 def _names(feature: Mapping[str, Any]) -> list[str]:
     """Names of a feature's places: as it says them, or none but their count."""
-    count, said = _count(feature), _said(feature.get("names"))
+    count, said = int(np.prod(feature.get("shape") or [0])), _said(feature.get("names"))
     return said if len(said) == len(set(said)) == count else [f"joint{k}" for k in range(count)]
-
-
-def _count(feature: Mapping[str, Any]) -> int:
-    return int(np.prod(feature.get("shape") or [0]))
 
 
 def _said(names: Any) -> list[str]:
@@ -120,15 +114,3 @@ def _said(names: Any) -> list[str]:
     if isinstance(names, list):
         return [word for one in names for word in (_said(one) if isinstance(one, list | Mapping) else [str(one)])]
     return []
-
-
-def _nameless(feature: str, content: Mapping[str, Any]) -> list[str]:
-    """A note on names that do not name the places of a feature."""
-    said, count = _said(content.get("names")), _count(content)
-    if not content.get("names") or len(said) == len(set(said)) == count:
-        return []
-    fault = f"{len(said)} names" if len(said) != count else "names that repeat"
-    return [
-        f"'{feature}' has {fault} for {count} numbers, so these are called joint0 to joint{count - 1} here: correct "
-        "'names' in meta/info.json"
-    ]

@@ -1,8 +1,10 @@
-"""Tables of any origin, CSV, Parquet or JSON: cells as numbers, and a row for each joint as columns for each."""
+"""Tables of any origin, CSV, Parquet or JSON, and their cells as numbers by pandas: counts, stamps, times, lists."""
 
 from __future__ import annotations
 
 import re
+import warnings
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +13,18 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from ...types import LogError
-from ..clocks import clock_units, overlap
+from ...types import Array, LogError
 from ..names import is_a, said
-from ..recording import FEWEST_RECORDED, NoRecording, Recording, facts_beside
-from .cells import Cells, numeric_columns
-from .text import read_text
+from ..recording import FEWEST_RECORDED, LARGEST_EXACT, STRAY_SHARE, NoRecording, Recording, facts_beside
+from .text import LIST, LONGEST_CELL, MISSING, NUMBER, read_text
 
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".parquet")
 MOST_JOINTS = 64
 """Joints of a table at most."""
-SAME_SAMPLE_SHARE = 0.1
-"""Share of the sample period within which joints were read at one time."""
 WHOLE_SHARE = 0.9
-"""Share of the samples that have all joints, of a table with a row for each joint."""
-JOINT, SAMPLE = " joint", " sample"
-"""Columns of such a table that no file has."""
+"""Share of the rows that are of another joint than the one before, where joints take turns."""
+CELLS_LOOKED_AT = 1000
+"""Cells of a column of text that tell how it is written."""
 
 
 def read_table(path: Path) -> list[Recording]:
@@ -65,120 +63,154 @@ def recording_of(
         raise NoRecording(
             f"{path}: has no column of numbers{why}; export it as CSV with one header line, or as Parquet."
         )
-    parts = _by_joints(frame, cells, path)
-    own, of_facts = facts_beside(path)
-    notes = [*notes, *cells.notes, *of_facts]
-    return Recording(path.stem, cells.columns, path, "table", own | (facts or {}), notes=tuple(notes), left=cells.left,
-                     parts=parts)  # fmt: skip
+    _check_rows(frame, cells, path)
+    own, notes = facts_beside(path), [*notes, *cells.notes]
+    return Recording(path.stem, cells.columns, path, "table", own | (facts or {}), notes=tuple(notes), left=cells.left)
 
 
-# --- a row for each joint --------------------------------------------------------------------------------------------
-
-
-def _by_joints(frame: pd.DataFrame, cells: Cells, path: Path) -> dict[str, tuple[str, str]]:
-    """Give each joint its columns, where one column names the joint of a row.
-
-    Args:
-        frame: the table.
-        cells: its columns, which are changed.
-        path: for the message.
-
-    Returns:
-        Joint and name there by column; empty where no column names a joint.
+def _check_rows(frame: pd.DataFrame, cells: Cells, path: Path) -> None:
+    """Refuse a table with a row for each joint: a column names it, in words or in numbers that take turns.
 
     Raises:
-        LogError: the joints were read at different times, and a log has one time for all; or a joint has two rows at
-            one time.
+        LogError: there is such a column.
     """
-    words = {name: frame[name].map(lambda word: word if isinstance(word, str) else "")
-             for name in cells.left if name in frame}  # fmt: skip
-    words |= {name: pd.Series(values) for name, values in cells.columns.items() if _says_joint(name)}
-    for name, column in words.items():
-        spelt: Any = column.map(_label)
-        counts = spelt[spelt != ""].value_counts(sort=False)
-        if not 2 <= len(counts) <= MOST_JOINTS or counts.min() < FEWEST_RECORDED:
+    for name in frame.columns:
+        if not is_a("joint", *re.findall("[a-z]+", name.lower())) or said(name).signal or said(name).aside:
             continue
-        labels, joints = spelt.to_numpy(str), [*counts.index]
-        clocks = [clock for clock in cells.columns if clock != name and _runs(cells.columns[clock], labels, joints)]
-        clock = next(iter(sorted(clocks, key=lambda clock: said(clock).signal != "time")), "")
-        blocks = bool(clock) and bool((np.diff(cells.columns[clock]) < 0.0).any())  # one below the other
-        if not clock or (blocks and not _says_joint(name)):
-            continue
-        known = labels[labels != ""]
-        in_turn = bool((known[1:] != known[:-1]).mean() > WHOLE_SHARE)  # polled, and no state that holds
-        certain = _says_joint(name) and not (said(name).signal or said(name).aside)
-        try:
-            wide, stamps = _wide(cells, name, clock, labels, joints)
-        except LogError as fault:
-            if certain and (name in cells.left or in_turn or not isinstance(fault, _Apart)):
-                raise LogError(f"{path}: {fault}") from None
-            continue
-        carried = dict.fromkeys(str(column) for column, _ in wide.columns)
-        parts = {f"{joint}.{column}": (joint, column) for column in carried for joint in joints}
-        cells.columns = {clock: stamps.to_numpy()}
-        cells.columns |= {key: wide[column, joint].to_numpy(np.float64) for key, (joint, column) in parts.items()}
-        cells.left.pop(name, None)
-        return parts
-    return {}
+        labels: Any = pd.Series(cells.columns[name]) if name in cells.columns else frame[name].dropna()
+        counts, turns = labels.value_counts(), (labels != labels.shift()).mean()
+        several = 2 <= len(counts) <= MOST_JOINTS and counts.min() >= FEWEST_RECORDED
+        if several and (name in cells.left or turns > WHOLE_SHARE):
+            raise LogError(
+                f"{path}: '{name}' names the joint of each row, and a log has columns for each joint; turn the table, "
+                f"in pandas by pivot_table(index=<the time>, columns='{name}')."
+            )
 
 
-def _says_joint(name: str) -> bool:
-    return is_a("joint", *re.findall("[a-z]+", name.lower()))
+# --- cells -----------------------------------------------------------------------------------------------------------
 
 
-def _label(word: object) -> str:
-    """A joint's name as one that a column may have; empty where a row names none."""
-    if isinstance(word, float):
-        return f"joint{int(word)}" if word.is_integer() else ""
-    return re.sub(r"\W+", "_", str(word).strip().strip("'\"")).strip("_")
+@dataclass
+class Cells:
+    """What a table holds: columns of numbers, why each other one is none, and what was read otherwise than it
+    stands."""
+
+    columns: dict[str, Array] = field(default_factory=dict)
+    left: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
 
-def _runs(values: np.ndarray, labels: np.ndarray, joints: list[str]) -> bool:
-    """Whether a column is a clock to each joint, over spans that lie at one another's side."""
-    parts = [values[labels == joint] for joint in joints]
-    return all(np.isfinite(part).all() and clock_units(part) for part in parts) and overlap(parts)
+def numeric_columns(frame: pd.DataFrame) -> Cells:
+    """Columns that hold numbers, and why the others do not.
 
-
-class _Apart(LogError):
-    """Joints were read at different times."""
-
-
-def _wide(cells: Cells, name: str, clock: str, labels: np.ndarray, joints: list[str]) -> tuple[Any, Any]:
-    """One row a sample, with columns by column and joint, and the stamps of the samples.
-
-    Args:
-        cells: columns of a table with a row for each joint.
-        name: of the column that names the joint.
-        clock: its clock.
-        labels: joint of each row, empty where it names none.
-        joints: all of them.
-
-    Raises:
-        LogError: the joints were read at different times, or one has two rows at one time.
+    Lists of a fixed length become one column for each place, ``state[0]``; stamps and times of day become seconds,
+    ``stamp_s``; counts that float64 cannot hold are counted from the first one.
     """
-    counts = {column for column, values in cells.columns.items() if (np.diff(values) == 1.0).all()}  # of the rows
-    carried = [column for column in cells.columns if column not in {name, clock, *counts}]
-    table: Any = pd.DataFrame({column: cells.columns[column] for column in (clock, *carried)})
-    table = table.assign(**{JOINT: labels})[labels != ""].sort_values(clock, kind="stable")
-    period = float(table.groupby(JOINT)[clock].agg(lambda own: own.diff().median()).min())
-    table[SAMPLE] = (table[clock].diff() > SAME_SAMPLE_SHARE * period).cumsum()
-    once = table.drop_duplicates([SAMPLE, JOINT, *carried])
-    again = once[once.duplicated([SAMPLE, JOINT])]
-    samples = once.drop_duplicates([SAMPLE, JOINT]).groupby(SAMPLE)
-    if (samples.size() == len(joints)).mean() < WHOLE_SHARE:
-        raise _Apart(
-            f"'{name}' names the joint of each row, and its joints were read at different times in {clock}; a log has "
-            "one time for all joints, so interpolate them to common times, or import a file for each joint."
-        )
-    if len(again):
-        raise LogError(
-            f"'{name}' names the joint of each row, and {again[JOINT].iloc[0]} has two rows that differ at {clock} = "
-            f"{again[clock].iloc[0]:.15g}; leave one row of each such pair out, or import a file for each joint."
-        )
-    notes = [f"'{name}' names the joint of each row: {', '.join(joints)}; each has columns of its own here"]
-    if more := len(table) - len(once):
-        notes.append(f"{more} of {len(table)} rows say once more what one of their joint and time says: left out")
-    if (apart := float((samples[clock].max() - samples[clock].min()).max())) > 0.0:
-        notes.append(f"rows of one sample are up to {apart:.3g} apart in {clock} and stand at their mean")
-    cells.notes = [*cells.notes, *notes]
-    return once.pivot(index=SAMPLE, columns=JOINT, values=carried), samples[clock].mean()
+    out = Cells()
+    for name in map(str, frame.columns):
+        _take(name, frame[name], out)
+    return out
+
+
+def _take(name: str, cells: Any, out: Cells) -> None:
+    """Put a column where it belongs."""
+    kind, known = cells.dtype.kind, cells.dropna()
+    first = known.iloc[0] if len(known) else None
+    if first is None:
+        out.left[name] = "it is empty"
+    elif kind in "Mm":
+        since = cells - first if kind == "M" else cells
+        out.columns[f"{name}_s"] = since.dt.total_seconds().to_numpy(np.float64)
+    elif kind in "iufb" or isinstance(first, bool | int | float | np.number):
+        out.columns[name] = _numbers(cells)
+    elif isinstance(first, str):
+        _take_text(name, cells.fillna("").astype(str).str.strip().str.strip("'\""), out)
+    elif isinstance(first, list | tuple | np.ndarray):
+        _take_lists(name, cells.tolist(), out)
+    elif hasattr(first, "hour"):  # a time of day
+        _take_text(name, cells.astype(str), out)
+    else:
+        out.left[name] = f"it holds {type(first).__name__} values, no numbers"
+
+
+def _numbers(cells: Any) -> Array:
+    """Numbers as float64; whole ones beyond its digits are counted from the first that is known."""
+    known = cells.dropna()
+    if cells.dtype.kind in "iuO" and any(
+        isinstance(cell, int | np.integer) and abs(int(cell)) > LARGEST_EXACT for cell in known
+    ):
+        first = int(known.iloc[0])
+        return np.array([np.nan if pd.isna(cell) else float(int(cell) - first) for cell in cells])
+    return np.array([np.nan if cell is None else cell for cell in cells.tolist()], np.float64)
+
+
+def _take_lists(name: str, rows: list[Any], out: Cells) -> None:
+    """The places of lists that are all equally long and hold numbers; none else."""
+    try:
+        matrix = np.array([np.asarray(row) for row in rows])
+    except ValueError:
+        matrix = np.zeros((0, 0), object)
+    if matrix.ndim != 2 or matrix.dtype.kind not in "iufb":
+        out.left[name] = "lists of different lengths, or not of numbers"
+        return
+    for place, column in enumerate(matrix.T):
+        out.columns[f"{name}[{place}]"] = _numbers(pd.Series(column))
+
+
+# --- text ------------------------------------------------------------------------------------------------------------
+
+
+def _take_text(name: str, cells: Any, out: Cells) -> None:
+    """A column of text: numbers and times that are written in an unusual way, or the reason why it is left out."""
+    low = cells.str.lower()
+    there, cells = ~low.isin(MISSING), cells.mask(low == "true", "1").mask(low == "false", "0")
+    known: Any = cells[there]
+    plain: Any = pd.to_numeric(cells, errors="coerce")
+    if not len(known) or cells.str.len().max() > LONGEST_CELL:
+        out.left[name] = "it holds long words, no numbers" if len(known) else "it is empty"
+        return
+    if plain[there].notna().all():
+        out.columns[name] = _numbers(plain)
+        return
+    if cells.str.fullmatch(LIST).all():
+        _take_lists(name, [[float(part) for part in re.split(r"[,;\s]+", cell[1:-1].strip())] for cell in cells], out)
+        return
+    values, seconds = _read(known)
+    if values is None:
+        words = list(dict.fromkeys(known[:CELLS_LOOKED_AT]))
+        out.left[name] = f"it holds text, no numbers: {', '.join(repr(word[:20]) for word in words[:3])}"
+        return
+    if len(odd := known[values.isna()]):
+        out.notes.append(f"{len(odd)} cells of {name} are no number, the first {odd.iloc[0][:20]!r}: read as no value")
+    whole = values.reindex(cells.index).to_numpy(np.float64)
+    out.columns[f"{name}_s" if seconds else name] = whole
+
+
+def _read(known: Any) -> tuple[Any, bool]:
+    """Numbers of nearly all cells of a column, and whether these are seconds; None where they are none."""
+    sample = known.iloc[:: max(len(known) // CELLS_LOOKED_AT, 1)]
+    dated = int(sample.str.contains(":").mean() >= 1.0 - STRAY_SHARE)
+    for reader, seconds in ((_number, False), (_duration, True), *[(_stamp, True)] * dated):
+        if reader(sample).notna().mean() >= 1.0 - STRAY_SHARE:
+            return reader(known), seconds
+    return None, False
+
+
+def _number(cells: Any) -> Any:
+    """Numbers with decimals behind either sign."""
+    plain = cells.where(cells.str.fullmatch(NUMBER))
+    return pd.to_numeric(plain.str.replace(",", ".", regex=False), errors="coerce")
+
+
+def _duration(cells: Any) -> Any:
+    """Seconds of times of day and of durations: ``12:00:00.01``, ``00.01`` behind minutes, ``1 days 12:00:00``."""
+    whole = cells.str.replace(",", ".", regex=False).str.replace(r"^(\d{1,2}:\d{1,2}(?:\.\d+)?)$", r"00:\1", regex=True)
+    return pd.to_timedelta(whole.where(whole.str.contains(":")), errors="coerce").dt.total_seconds()
+
+
+def _stamp(cells: Any) -> Any:
+    """Seconds of dates with a time, all written as the first is, since the first of the days."""
+    dayfirst = bool(re.match(r"\d{1,2}\.\d{1,2}\.", cells.iloc[0]))  # as written with points
+    with warnings.catch_warnings(action="ignore"):  # of words that are no dates
+        found = pd.to_datetime(cells.str.replace(",", ".", regex=False), errors="coerce", dayfirst=dayfirst, utc=True)
+    return (found - found.dt.normalize().min()).dt.total_seconds()
