@@ -236,14 +236,11 @@ def test_numbered_groups_of_one_length_that_are_not_called_runs_are_joints(tmp_p
 
 
 def test_matlab_files_of_version_7_3_are_read_as_those_before(tmp_path: Path) -> None:
-    lengths = (1000, 700)
-    runs = [{"t": TIME[:n], "q": (LATE[:n, None] * SCALES), "q_ref": (ANGLE[:n, None] * SCALES)} for n in lengths]
-    content = {"data": {"run": runs, "motor": "XL330"}, "joint_names": ["shoulder", "elbow"], "kp": 400.0}
-    read = read_recordings(matlab73(tmp_path / "log.mat", content))
-    assert [run.length for run in read] == [1000, 700]
-    assert set(read[0].columns) == {"t", "shoulder.q", "elbow.q", "shoulder.q_ref", "elbow.q_ref"}
-    np.testing.assert_allclose(read[1].columns["elbow.q"], 0.5 * LATE[:700])
-    assert read[0].facts == {"data.motor": "XL330", "kp": 400.0}
+    content = {"data": {"t": TIME, "q": LATE[:, None] * SCALES, "motor": "XL330"}, "joint_names": ["shoulder", "elbow"]}
+    (run,) = read_recordings(matlab73(tmp_path / "log.mat", {**content, "kp": 400.0}))
+    assert set(run.columns) == {"data.t", "shoulder.data.q", "elbow.data.q"}
+    np.testing.assert_allclose(run.columns["elbow.data.q"], 0.5 * LATE)
+    assert run.facts == {"data.motor": "XL330", "kp": 400.0}
 
 
 def test_what_is_neither_numbers_nor_words_is_unused_and_words_of_either_kind_name_columns(tmp_path: Path) -> None:
@@ -301,26 +298,21 @@ IN_DEG = [{"t": t, "goal_deg": g, "pos_deg": q} for t, g, q in zip(T, G, Q, stri
 
 
 @pytest.mark.parametrize(
-    ("content", "line"),
+    ("content", "asked"),
     [
-        ({"robot": "arm", "unit": "deg", "entries": entries(57.3)}, "position*pi/180"),
-        ({"robot": "arm", "unit": "deg", "samples": entries(4.0)}, "position*pi/180"),
-        (
-            {"motor": "mx28", "units": {"position": "deg", "goal_position": "deg"}, "entries": entries(10.0)},
-            "position*pi/180",
-        ),
-        ({"unit": "rad", "log": IN_DEG}, "pos_deg*pi/180"),
-        ({"entries": entries(57.3)}, ""),
+        ({"robot": "arm", "unit": "deg", "samples": entries(57.3)}, True),
+        ({"motor": "mx28", "units": {"position": "deg"}, "entries": entries(10.0)}, True),
+        ({"unit": "rad", "log": IN_DEG}, False),
+        ({"entries": entries(57.3)}, True),
     ],
 )
-def test_any_other_list_of_rows_is_a_table_in_the_unit_that_the_file_says(
-    tmp_path: Path, content: dict[str, Any], line: str
+def test_any_other_list_of_rows_is_a_table_whose_units_are_in_its_names(
+    tmp_path: Path, content: dict[str, Any], asked: bool
 ) -> None:
-    """Its angles were taken for rad, which the format was to say; that of a name goes before, none is asked about."""
+    """Its angles were taken for rad, which the format was to say."""
     proposed = propose_for(document(tmp_path, content), tmp_path / "out")
     about = {name for question in proposed.mapping.questions for name in question.about}
-    assert proposed.recordings[0].kind == "table" and ("joint.position" in about) == (not line)
-    assert not line or (proposed.mapping.columns["joint.position"] == line and not about)
+    assert proposed.recordings[0].kind == "table" and ("joint.position" in about) == asked
 
 
 def test_rows_beside_columns_of_their_length_stay_one_table(tmp_path: Path) -> None:

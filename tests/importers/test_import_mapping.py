@@ -94,7 +94,9 @@ def test_a_wrapped_angle_with_an_empty_cell_is_imported_as_the_advice_says(tmp_p
     wrapped = np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
     path = source(tmp_path, q=np.where(np.arange(len(angle)) == 40, np.nan, wrapped), goal=4.0 * M["goal"])
     columns = {"time": "t", "joint.goal": "goal", "joint.position": "unwrap(q)"}
-    with pytest.raises(LogError, match=r"no value in 1 samples, the first in row 41; .*`where: known\(unwrap\(q\)\)`"):
+    with pytest.raises(
+        LogError, match=r"no value in 1 of 500 samples, the first in row 41; .*`where: known\(unwrap\(q\)\)`"
+    ):
         import_logs(path, tmp_path / "log", Mapping(columns))
     sidecar = {"robot": "bench", "robot_params": {"mass": 0.5, "length": 0.1}, "actuators": {"joint": "sts3215"}}
     import_logs(path, tmp_path / "log", Mapping(columns, where="known(q)", sidecar=sidecar))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from sealegs.gap.load.units import run_in_model_units
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for
 from sealegs.gap.log.importers.expression import evaluate
-from sealegs.gap.log.importers.mapping import Mapping
 from sealegs.gap.log.importers.names import said
 from sealegs.gap.log.importers.units import measure, unit_of
 from sealegs.gap.log.types import JointLog, MeasuredRun
@@ -227,20 +225,6 @@ def test_the_answer_percent_takes_the_range_of_the_model(tmp_path: Path, arm: st
 
 
 # --- goals that are readings, clocks that repeat ---------------------------------------------------------------------
-
-
-def test_repeated_stamps_are_left_out_by_a_line_that_is_offered(tmp_path: Path) -> None:
-    """The refusal told nobody what to do about them."""
-    time = TIME.copy()
-    time[[40, 41, 70]] = time[[39, 39, 69]]
-    source = table(tmp_path, {"time_s": time, **RAD})
-    columns = {"time": "time_s", "joint.goal": "goal_rad", "joint.position": "pos_rad"}
-    with pytest.raises(LogError, match="a stamp that repeats in 3 samples, the first in row 41") as caught:
-        import_logs(source, tmp_path / "out", Mapping(columns))
-    offered = re.search(r"`where: (.*)`", str(caught.value))
-    assert offered and offered[1] == "later(time_s)"
-    import_logs(source, tmp_path / "out", Mapping(columns, where=offered[1]))
-    assert len((tmp_path / "out" / "run.csv").read_text().splitlines()) == 1 + len(TIME) - 3
 
 
 # --- LeRobot ---------------------------------------------------------------------------------------------------------

@@ -22,16 +22,7 @@ from .mapping import Mapping, converted, ended, lacking, read_mapping
 from .proposal import Proposal, proposal_text, propose
 from .readers import check_runs, paired, read_recordings, read_source
 from .recording import FEWEST_RECORDED, Recording
-from .sidecars import (
-    answered,
-    asked_chain,
-    asked_robot,
-    blanks,
-    folder_and_own,
-    proposed_sidecar,
-    robot_of,
-    text_with_blanks,
-)
+from .sidecars import answered, asked_chain, asked_robot, folder_sidecar, proposed_sidecar, robot_of
 
 MANY_ROWS = 20_000
 """Longer recordings are written as Parquet where nobody says which format."""
@@ -115,11 +106,8 @@ def propose_for(
     left = [f"{one.name} has other columns than {name}; import it on its own" for one in rest] + without
     known = dialects(dialect)
     proposal = propose(recordings, unit, machine.slides, known, machine.joints)
-    sidecar = proposed_sidecar(
-        recordings, proposal, beside(machine.word, out),
-        asked_chain(actuator, out, proposal.joints, lambda: recordings[0]),
-        params,
-    )  # fmt: skip
+    chain = asked_chain(actuator, out, proposal.joints, lambda: recordings[0])
+    sidecar = proposed_sidecar(recordings[0], proposal, beside(machine.word, out), chain, params)
     text = proposal_text(proposal, sidecar, recordings, command, left)
     mapping = replace(proposal.mapping(), sidecar=sidecar)
     return Proposed(text, mapping, _certain(proposal, sidecar), tuple(recordings), tuple(left))
@@ -198,19 +186,17 @@ def import_logs(
     for run in runs:
         robot_of(run.robot, out).check(run.name, run.joints)
     sidecar = out / FOLDER_DEFAULTS
-    there = sorted(path for path in out.glob("*") if path.suffix in ENDINGS or path.name == FOLDER_DEFAULTS)
-    if there:
+    if there := sorted(path for path in out.glob("*") if path.suffix in ENDINGS or path.name == FOLDER_DEFAULTS):
         raise LogError(
             f"{there[0]}: exists already, and a recording is never overwritten; import into a folder of its own, or "
             "several recordings at once. Nothing was written."
         )
-    shared, own = folder_and_own(runs)
-    missing = blanks(runs)
+    text, missing, own = folder_sidecar(runs)
     if format is None:
         format = "parquet" if max(len(run.time) for run in runs) > MANY_ROWS else "csv"
     out.mkdir(parents=True, exist_ok=True)
-    if shared or missing:  # before the logs, which it describes
-        write_text(sidecar, text_with_blanks(shared, missing))
+    if text:  # before the logs, which it describes
+        write_text(sidecar, text)
     texts = [yaml.safe_dump(content, sort_keys=False, allow_unicode=True) for content in own]
     files = tuple(write_run(run, out, format, text) for run, text in zip(runs, texts, strict=True))
     return Imported(files, tuple(missing), tuple(left), sidecar)

@@ -75,12 +75,6 @@ class Dialect:
     needs: tuple[re.Pattern[str], ...]
     rows: tuple[Row, ...]
 
-    def speaks(self, recording: Recording, names: Sequence[str]) -> bool:
-        """Whether a recording is of this tool."""
-        if self.kind and self.kind != recording.kind:
-            return False
-        return all(any(one.fullmatch(name) for name in names) for one in self.needs)
-
 
 def dialects(own: str | Path | None = None) -> tuple[Dialect, ...]:
     """All dialects: one's own, those of installed packages, and those that are shipped.
@@ -153,7 +147,8 @@ def _row(content: Any, where: str) -> Row:
 def claimed(recording: Recording, known: Sequence[Dialect]) -> dict[str, Claim]:
     """What dialects say of the columns of a recording; the first that claims a column has it."""
     names = list(recording.columns)
-    speaking = [dialect for dialect in known if dialect.speaks(recording, names)]
+    speaking = [dialect for dialect in known if dialect.kind in ("", recording.kind)
+                and all(any(one.fullmatch(name) for name in names) for one in dialect.needs)]  # fmt: skip
     out: dict[str, Claim] = {}
     for column in names:
         for dialect in speaking:

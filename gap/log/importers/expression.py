@@ -24,6 +24,7 @@ NAMES = re.compile(rf"`([^`]+)`|(?<![\w.])({PLAIN.pattern})(\s*\()?")
 COUNTER_BITS = (8, 16, 24, 32)  # [bit]
 STEADIER_SHARE = 0.4
 """Share of the longest jump of its counts that a register with a sign has at most once that is read."""
+HINT = "; put a column with spaces or signs in its name in backquotes"
 LONGEST_EXPRESSION, DEEPEST_NESTING = 20_000, 50
 """Letters of an expression, and brackets or signs within each other, at most."""
 
@@ -182,10 +183,10 @@ def _parsed(text: str) -> tuple[ast.expr, dict[str, str]]:
         with warnings.catch_warnings(action="ignore"):
             tree = ast.parse(plain.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise LogError(f"'{text}' is no arithmetic over columns{_hint(text)}.") from None
+        raise LogError(f"'{text}' is no arithmetic over columns{HINT}.") from None
     for node in ast.walk(tree):
         if not _is_arithmetic(node, names):
-            raise LogError(f"'{text}' is more than arithmetic over columns{_hint(text)}.")
+            raise LogError(f"'{text}' is more than arithmetic over columns{HINT}.")
         if isinstance(node, ast.Call) and len(node.args) != (count := FUNCTIONS[_called(node)][0]):
             said = f"{count} value{'s' * (count > 1)}, not {len(node.args)}"
             raise LogError(f"'{text}': {_called(node)} takes {said}.")
@@ -228,7 +229,3 @@ def _named(name: str, values: Mapping[str, Any], text: str) -> Any:
     if name in values or name in CONSTANTS:
         return values.get(name, CONSTANTS.get(name))
     raise LogError(f"'{text}' takes '{name}', which is no column and no number{nearest(name, values)}.")
-
-
-def _hint(text: str) -> str:
-    return "" if "`" in text else "; put a column with spaces or signs in its name in backquotes"

@@ -152,30 +152,16 @@ def converted(mapping: Mapping, recording: Recording) -> MeasuredRun:
 
 
 def _check_complete(table: AnyMapping[str, Array], mapping: Mapping, where: str) -> None:
-    """Time, goals and positions have a value in every sample, and no stamp repeats; where leaves samples out."""
+    """Time, goals and positions have a value in every sample; the key where leaves samples out."""
     needed = [name for name in table if name == "time" or name.rpartition(".")[2] in REQUIRED_EVERYWHERE]
-    lost = {name: ~np.isfinite(table[name]) for name in needed}
-    bad = [name for name in needed if lost[name].any()]
-    steps = np.diff(table.get("time", np.zeros(0)))
-    if bad:
-        name, empty = bad[0], lost[bad[0]]
-        if empty.all():
-            raise LogError(
-                f"{where}: column '{name}' has no finite value in any sample; correct '{mapping.columns[name]}'."
-            )
-        factors = [f"known({mapping.columns[one]})" for one in bad]
-        hint = ", or hold a goal that is written only where it changes: hold(<column>)"
-    elif (steps == 0.0).any() and not (steps < 0.0).any() and np.median(steps) > 0.0:
-        name, empty, hint = "time", np.append(False, steps == 0.0), ", or record again"
-        factors = [f"later({mapping.columns['time']})"]
-    else:
-        return
-    keep = "*".join([*factors, *[f"({mapping.where})"] * bool(mapping.where)])
-    what = "no value" if bad else "a stamp that repeats"
-    raise LogError(
-        f"{where}: column '{name}' has {what} in {int(empty.sum())} samples, the first in row "
-        f"{int(np.argmax(empty)) + 1}; leave them out by the line `where: {keep}` in the mapping{hint}."
-    )
+    lost = {name: empty for name in needed if (empty := ~np.isfinite(table[name])).any()}
+    for name, empty in lost.items():
+        factors = [f"known({mapping.columns[one]})" for one in lost] + [f"({mapping.where})"] * bool(mapping.where)
+        raise LogError(
+            f"{where}: column '{name}' has no value in {int(empty.sum())} of {len(empty)} samples, the first in row "
+            f"{int(np.argmax(empty)) + 1}; leave them out by the line `where: {'*'.join(factors)}` in the mapping, or "
+            "hold a goal that is written only where it changes: hold(<column>)."
+        )
 
 
 def filled(content: Any, recording: Recording) -> Any:

@@ -120,15 +120,13 @@ def following(time: Array, first: Array, second: Array) -> Relation:
     a, b = (np.interp(even, known[0], values) for values in known[1:])
     a, b = a[reach:] - a[:-reach], b[reach:] - b[:-reach]
     most = min(round(LONGEST_LAG / period), len(a) // 4)
-    along = against = Relation()
+    best = {True: Relation(), False: Relation()}  # along, and against
     for shift in range(-most, most + 1):
         early, late = (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[: len(b) + shift])
         found = slope(early, late)
-        if found.scale > 0.0 and found.fit > along.fit:
-            along = Relation(found.scale, found.fit, shift * period)
-        elif found.scale < 0.0 and found.fit > against.fit:
-            against = Relation(found.scale, found.fit, shift * period)
-    return against if against.fit > along.fit + AGAINST_MARGIN else along
+        if found.scale != 0.0 and found.fit > best[found.scale > 0.0].fit:
+            best[found.scale > 0.0] = Relation(found.scale, found.fit, shift * period)
+    return best[best[True].fit + AGAINST_MARGIN >= best[False].fit]
 
 
 def move_apart(time: Array, goal: Array, position: Array, share: float) -> bool:

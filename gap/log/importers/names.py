@@ -35,7 +35,6 @@ NUMBERED = re.compile(r"(?:(?<![A-Za-z0-9.])10+|(?<![0-9.])\d*\.\d+[ _]?)[A-Za-z
 """A unit with its number, as in ``time_10us`` and ``current_2.69mA``; ``pos_2deg`` is joint 2."""
 RATING = re.compile(r"[1-9]\d*\.\d+[ _]?(?:V|A|Nm)")
 """What a supply or a motor is rated at, more likely than a unit: ``rail_3.3V``."""
-DERIVATIVE = "is this the wanted angle, or the derivative of the position? The latter is <joint>.velocity"
 FACTOR = re.compile(
     r"[\[(]\s*(?:(?:[x×*·/÷]|times|div)\s*[\d.]+|\d*\.\d+|\d+e[-+]?\d+)\s*[\])]"  # (x10), (0.01)
     r"|(?:(?<![^\W\d_])|(?<=[a-z])(?=[A-Z]))(?i:times|div(?:ided)?(?:[ _]?by)?|mult?)[ _]?[\d.]+"
@@ -151,8 +150,6 @@ class _Name:
         elif commanded and not measured:
             aside = aside or ("" if signal in ("", *LOGGED) else f"commanded {signal}")
             signal = LOGGED.get(signal, "")
-        elif how == "qd":
-            return Claim("", "goal", unit, self._joint(), "", how, ask=DERIVATIVE, words=frozenset(own))
         elif signal == "position" and own & {"link", "output"} and "motor" not in own:
             signal = "link_position"
         if any(self._of(word, "tool") for word in low) and not any(self._of(word, "of_joints") for word in low):
@@ -196,9 +193,6 @@ class _Name:
             if rate and not measures(self.unit, "angle", "way"):
                 self.used.add(k)
                 return "velocity", word
-            if word in ("qd", "xd", "thetad", "phid"):  # the derivative or the wanted one: the table tells
-                self.used.add(k)
-                return "position", "qd"
         if len(low) == 1 and self._of(low[0], "clocks"):
             self.used.add(0)
             return "time", low[0]

@@ -175,12 +175,10 @@ class _Proposer:
         return chosen
 
     def position(self, joint: str, chosen: dict[str, Claim], signals: dict[str, list[Claim]]) -> Position:
-        run = self.moved(chosen["position"].column)
+        claim, run = chosen["position"], self.moved(chosen["position"].column)
         way = any(measures(one.unit, "way", "speed", "force") for one in chosen.values())
         goals = tuple(run.columns[one.column] for one in signals.get("goal", []))
-        return Position(
-            chosen["position"], run.columns[chosen["position"].column], goals, way or bare(joint) in self.slides
-        )
+        return Position(claim, run.columns[claim.column], goals, way or bare(joint) in self.slides)
 
     def read_joint(self, joint: str, chosen: dict[str, Claim], position: Position, line: Line) -> None:
         """The lines of one joint."""
@@ -244,19 +242,17 @@ class _Proposer:
     def share_strays(self) -> None:
         """Columns of no joint with a position: a supply is of all joints, what names none of the only one."""
         out = self.out
-        for joint, signals in self.claimed.groups.items():
-            for signal, claims in signals.items() if not signals.get("position") else ():
-                for claim in claims:
-                    for_all = signal == "voltage" and not plain(joint)
-                    alone = signal in ("voltage", "temperature", "enabled", "current", "duty") and len(out.joints) == 1
-                    targets = (
-                        [one for one in out.joints if f"{one}.{signal}" not in out.columns] if for_all or alone else []
-                    )
-                    for target in targets:
-                        values = self.moved(claim.column).columns[claim.column]
-                        out.put(f"{target}.{signal}", drive_line(signal, claim, values))
-                    if not targets:
-                        out.unused.setdefault(claim.column, f"{signal} of '{joint}', which has no position")
+        strays = [(joint, signal, claim) for joint, own in self.claimed.groups.items() if not own.get("position")
+                  for signal, claims in own.items() for claim in claims]  # fmt: skip
+        for joint, signal, claim in strays:
+            for_all = signal == "voltage" and not plain(joint)
+            alone = signal in ("voltage", "temperature", "enabled", "current", "duty") and len(out.joints) == 1
+            targets = [one for one in out.joints if (for_all or alone) and f"{one}.{signal}" not in out.columns]
+            for target in targets:
+                values = self.moved(claim.column).columns[claim.column]
+                out.put(f"{target}.{signal}", drive_line(signal, claim, values))
+            if not targets:
+                out.unused.setdefault(claim.column, f"{signal} of '{joint}', which has no position")
 
     def ask_for_what_lacks(self) -> None:
         """A log needs a position, and what drove the joint."""

@@ -29,10 +29,6 @@ from .recording import Recording
 
 BENCH = "bench"
 ROD_MASS = NUMBERS["arm_mass"].value  # [kg] of a rod that nobody weighed
-UNMEASURED = (
-    f"Neither the mass of the pendulum's rod was recorded ({ROD_MASS:g} kg are assumed) nor where the encoder's zero "
-    "is."
-)
 HEAD = "# What holds for every log of this folder (docs: Measured log). FILL IN marks what the files do not say.\n"
 BLANK_ROBOT = """\
 robot:  # FILL IN: bench (a mass on the shaft), or the file of your robot's model: my_arm.yaml, .xml, .urdf
@@ -50,14 +46,9 @@ Chain = str | list[dict[str, Any]]
 
 
 def proposed_sidecar(
-    recordings: Sequence[Recording],
-    proposal: Proposal,
-    robot: str,
-    actuator: Chain | None,
-    params: Mapping[str, float] | None = None,
+    first: Recording, proposal: Proposal, robot: str, actuator: Chain | None, params: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
     """The sidecar that files and answers give; what nobody says is left out."""
-    first = recordings[0]
     facts, joints = first.facts, proposal.joints
     sidecar: dict[str, Any] = {}
     pendulum = {"mass", "length"} <= facts.keys() and len(joints) == 1
@@ -80,39 +71,31 @@ def proposed_sidecar(
     if percent := {name: PERCENT for name, read in proposal.columns.items() if read.unit == PERCENT}:
         sidecar["units"] = {**sidecar.get("units", {}), **percent}
     if pendulum and sidecar.get("robot") == BENCH and "arm_mass" not in {**facts, **(params or {})}:
-        sidecar |= {"notes": UNMEASURED, "meta": {"unknown": ["zero", "friction", "armature"]}}
+        sidecar["meta"] = {"unknown": ["zero", "friction", "armature"]}
     return sidecar
 
 
-def folder_and_own(runs: Sequence[MeasuredRun]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What all sidecars say, for ``log.yaml``, and what each says beyond it."""
+def folder_sidecar(runs: Sequence[MeasuredRun]) -> tuple[str, list[str], list[dict[str, Any]]]:
+    """The text of ``log.yaml``, with what all sidecars say and a line for each thing that must be filled in before the
+    logs can be diagnosed; names of these; and what each sidecar says beyond it."""
     contents = [parse_yaml(sidecar_text(Sidecar(run.robot, run.robot_params, run.actuators, run.meta))) for run in runs]
     shared = {key: value for key, value in contents[0].items() if all(other.get(key) == value for other in contents)}
     own = [{key: value for key, value in content.items() if key not in shared} for content in contents]
     for content, run in zip(own, runs, strict=True):
         content["meta"] = {**content.get("meta", {}), FROM: str(run.source)}
-    return shared, own
-
-
-def blanks(runs: Sequence[MeasuredRun]) -> dict[str, str]:
-    """What must be filled in before the logs can be diagnosed, with the lines of ``log.yaml`` that stand for it."""
-    run, out = runs[0], {}
+    run, blank = runs[0], dict[str, str]()
     if not all(one.robot for one in runs):
-        out["robot"] = BLANK_ROBOT
+        blank["robot"] = BLANK_ROBOT
     if len(run.joints) == 1 and all(one.robot in ("", BENCH) and not one.robot_params for one in runs):
         of = "" if run.robot else " of a bench"
-        out["robot_params" + " (of a bench)" * (not run.robot)] = BLANK_LOAD.format(of=of, arm=ROD_MASS)
+        blank["robot_params" + " (of a bench)" * (not run.robot)] = BLANK_LOAD.format(of=of, arm=ROD_MASS)
     driven = [joint for joint, log in run.joints.items() if log.goal is not None and joint not in run.actuators]
     if driven and not is_robot_file(run.robot):  # a robot's file has the chains of its joints
-        out["actuators"] = BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in driven)
-    return out
-
-
-def text_with_blanks(content: Mapping[str, Any], blank: Mapping[str, str]) -> str:
-    """A folder's sidecar with a line for each thing that must be filled in, and what belongs there."""
-    known = {key: value for key, value in content.items() if value not in ("", {}, None)}
+        blank["actuators"] = BLANK_ACTUATORS + "".join(f"  # {joint}: sts3215\n" for joint in driven)
+    known = {key: value for key, value in shared.items() if value not in ("", {}, None)}
     said = yaml.safe_dump(known, sort_keys=False, allow_unicode=True) if known else ""
-    return HEAD + "".join(lines for name, lines in blank.items() if name not in known) + said
+    text = "".join(lines for name, lines in blank.items() if name not in known) + said
+    return HEAD * bool(text) + text, [*blank], own
 
 
 def answered(

@@ -69,13 +69,10 @@ class Measure:
 
 
 @cache
-def _registry() -> pint.UnitRegistry:
-    return pint.UnitRegistry()
-
-
-@cache
-def _quantities() -> dict[Any, str]:
-    return {_registry().Unit(unit).dimensionality: quantity for quantity, unit in QUANTITIES.items()}
+def _registry() -> tuple[pint.UnitRegistry, dict[Any, str]]:
+    """Pint's units, and quantities by their dimensions."""
+    units = pint.UnitRegistry()
+    return units, {units.Unit(unit).dimensionality: quantity for quantity, unit in QUANTITIES.items()}
 
 
 @cache
@@ -86,8 +83,9 @@ def measure(unit: str) -> Measure | None:
         return None
     size = math.pi if number == "pi" else float(number or 1.0)
     known = re.sub(r"[A-Za-z]+", lambda word: PINT.get(word[0], word[0]), plain.replace(".", "*"))
-    base = _registry().Quantity(1.0, known).to_base_units()
-    quantity = _quantities().get(base.dimensionality)
+    units, quantities = _registry()
+    base = units.Quantity(1.0, known).to_base_units()
+    quantity = quantities.get(base.dimensionality)
     if quantity is None:
         return None
     factor = float(base.magnitude)

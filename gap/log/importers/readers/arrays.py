@@ -36,7 +36,7 @@ def read_matlab(path: Path) -> list[Recording]:
             import h5py  # noqa: F401  pymatreader asks for it
             from pymatreader import read_mat
         try:
-            content = _as_lists(read_mat(path))
+            content = read_mat(path)
         except DAMAGED as error:
             raise _damaged(path, "not a MATLAB", error) from None
     except (MatReadError, *DAMAGED) as error:
@@ -47,17 +47,6 @@ def read_matlab(path: Path) -> list[Recording]:
 def _damaged(path: Path, kind: str, error: Exception) -> LogError:
     why = str(error).splitlines()[0] if str(error) else type(error).__name__
     return LogError(f"{path}: is {kind} file, or a damaged one: {why}.")
-
-
-def _as_lists(value: Any) -> Any:
-    """Arrays of structures as lists of mappings: pymatreader has a mapping of lists."""
-    if not isinstance(value, dict):
-        return value
-    inner = {name: _as_lists(one) for name, one in value.items()}
-    counts = {len(one) if isinstance(one, list) else -1 for one in inner.values()}
-    if len(counts) == 1 and (count := counts.pop()) > 1 and "joint_names" not in inner:
-        return [{name: one[k] for name, one in inner.items()} for k in range(count)]
-    return inner
 
 
 def _plain(value: Any) -> Any:

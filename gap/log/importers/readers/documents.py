@@ -16,7 +16,6 @@ from ...reader import MINIMUM_SAMPLES
 from ...types import LogError
 from ..names import said
 from ..recording import FEWEST_RECORDED, NoRecording, Recording, plain_facts
-from ..units import measures, unit_of
 from .tables import recording_of
 from .trees import is_structures, recordings_of
 
@@ -25,8 +24,8 @@ EMPTY_CELLS, FREE_CELLS = 10, 1_000_000
 """Times as many cells as have a value that a table of rows may have, beside those that are free."""
 OF_BAM = frozenset(["mass", "arm_mass", "length", "kp", "vin", "motor", "trajectory"])
 """What recorders of BAM say of a run, beside its entries."""
-OF_UNITS = ("unit", "units")
-"""Keys with which a file says the unit of its columns, one for all of its angles or by their names."""
+OF_UNITS = {"unit", "units"}
+"""Keys with which a file says units in its own way: those of columns whose names say none are asked about."""
 
 
 def is_bam(content: Any) -> bool:
@@ -62,7 +61,15 @@ def read_json(path: Path) -> list[Recording]:
     facts = plain_facts(content) if isinstance(content, Mapping) else {}
     frame = pd.DataFrame({name: _series(cells) for name, cells in kept.items()})
     recording = recording_of(frame, path, notes, facts)
-    return [replace(recording, kind="bam", facts=facts) if bam else _with_units(recording, content)]
+    if bam:
+        return [replace(recording, kind="bam", facts=facts)]
+    open_ones = (
+        {name: said(name) for name in recording.columns}
+        if isinstance(content, Mapping) and OF_UNITS & content.keys()
+        else {}
+    )
+    units = {name: "?" for name, claim in open_ones.items() if not claim.unit and claim.signal != "time"}
+    return [replace(recording, units=units)]
 
 
 def _content(path: Path) -> Any:
@@ -131,17 +138,3 @@ def _series(cells: list[Any]) -> pd.Series:
         return pd.Series(cells, dtype=np.float64)
     mixed = not numbers and len({type(cell) for cell in known}) > 1
     return pd.Series([str(cell) if mixed and cell is not None else cell for cell in cells], dtype=object)
-
-
-def _with_units(recording: Recording, content: Any) -> Recording:
-    """The recording with the units that its file says beside the columns, by their names or by one word for the
-    angles."""
-    units: dict[str, str] = {}
-    for entry in (content[key] for key in OF_UNITS if isinstance(content, Mapping) and key in content):
-        for column in recording.columns:
-            word = entry.get(column, entry.get(column.partition("[")[0])) if isinstance(entry, Mapping) else entry
-            unit = unit_of(word) if isinstance(word, str) and not said(column).unit else ""
-            angle = measures(unit, "angle", "way") and said(column).signal in ("position", "goal", "link_position")
-            if unit and (isinstance(entry, Mapping) or angle):
-                units[column] = unit
-    return replace(recording, units=units)

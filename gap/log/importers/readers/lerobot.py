@@ -49,8 +49,7 @@ def read_lerobot(folder: Path) -> list[Recording]:
     version = str(info.get("codebase_version", ""))
     if not re.match(r"v?[23]\.", version):
         raise LogError(f"{folder / INFO}: the data set is of version {version or 'unknown'}; 2.x and 3.x are read.")
-    files = sorted((folder / "data").rglob("*.parquet"))
-    if not files:
+    if not (files := sorted((folder / "data").rglob("*.parquet"))):
         raise LogError(f"{folder}: has no Parquet file under data/; download the data set whole (no video is needed).")
     features = info.get("features") or {}
     numbers = {name for name in features if str(features[name].get("dtype", "")).startswith(("float", "int", "bool"))}
@@ -62,14 +61,11 @@ def read_lerobot(folder: Path) -> list[Recording]:
         "timestamps are the frame's number over the frame rate, not read from a clock",
         *([GAINS.format(robot)] if FOLLOWERS.match(robot) else []),
     ]
-    table = pd.concat([_file(path, named) for path in files], ignore_index=True)
+    table: Any = pd.concat([_file(path, named) for path in files], ignore_index=True)
     facts: dict[str, float | str] = {"fps": float(info.get("fps") or 0.0), "robot_type": robot}
-    episodes = (
-        (int(number), table[table["episode_index"] == number]) for number in sorted(set(table["episode_index"]))
-    )
     return [
-        Recording(f"episode_{number:06d}", _columns(own, features), folder, "lerobot", facts, notes=tuple(notes))
-        for number, own in episodes
+        Recording(f"episode_{int(number):06d}", _columns(own, features), folder, "lerobot", facts, notes=tuple(notes))
+        for number, own in table.groupby("episode_index")
     ]
 
 

@@ -150,7 +150,8 @@ def _recording(path: Path, kind: str, content: Tree, name: str) -> Recording:
     columns: dict[str, Array] = {}
     facts: dict[str, float | str] = {}
     left: dict[str, str] = {}
-    words = [value for value in content.values() if _is_words(value)]
+    lists = [value for value in content.values() if isinstance(value, list)]
+    words = [value for value in lists if all(isinstance(one, str) for one in value)]
     for key, value in content.items():
         if isinstance(value, str):
             facts[key] = value
@@ -174,11 +175,6 @@ def _recording(path: Path, kind: str, content: Tree, name: str) -> Recording:
         left[key] = f"the clock {clocks[0]}"
         del kept[key]
     return Recording(name, kept, path, kind, facts, dict.fromkeys(clocks[:1], "time"), notes, left=left)
-
-
-def _is_words(value: Any) -> bool:
-    """Whether a variable is a list of words: a cell of text, or a matrix of letters."""
-    return isinstance(value, list) and len(value) > 1 and all(isinstance(one, str) for one in value)
 
 
 def _collect(
