@@ -32,8 +32,8 @@ from ..measure.shares import telling
 from ..measure.unseen import unseen_range
 from ..prepare.checking import check_log
 from ..prepare.columns import chosen, commanded
-from ..prepare.draws import with_draws
 from ..prepare.frames import DOUBTED, in_likely_frames
+from ..prepare.neighbours import with_neighbours
 from ..prepare.pieces import cut_joint, fit_runs, named_chain
 from ..prepare.request import Request
 from ..prepare.resting import without_rests
@@ -109,14 +109,14 @@ def diagnose(
         with apart(what, errors):  # without it, the model's frames and all samples count
             machine, more = step(machine, progress, test_group)
             findings = [*findings, *more]
-    with apart("what drives draw", errors):  # without it, each drive has a supply of its own
-        machine = with_draws(machine)
+    with apart("what drives draw", errors):  # without it, each has a supply of its own
+        machine = with_neighbours(machine)
     if only is None:
         with apart("a latency that joints share", errors):  # without it, each joint has one of its own
             seen = partial(_replay_of, machine, findings=findings, request=request)
             looked = seek_latency(joints, seen, request)
             request = replace(request, latency=looked.latency)
-            machine = with_draws(machine, looked.numbers())
+            machine = with_neighbours(machine, looked.numbers())
     found = side_by_side(dict.fromkeys(joints, _whatever_happens), machine, findings, request, workers, done, errors)
     whole = len(found) == len(joints)  # what joints share and the ground under them need all of them
     if only is None and whole and on_ground(machine):
@@ -289,7 +289,7 @@ def _mended(data: MeasuredSet, request: Request) -> tuple[Machine, Sequence[Find
         raise SealegsError(stop.sentence)
     machine, _ = in_likely_frames(Machine.of(data.runs), request.progress, request.test_group)
     machine, _ = without_rests(machine, request.progress, request.test_group)
-    return with_draws(machine), findings
+    return with_neighbours(machine), findings
 
 
 def _diagnose_ground(machine: Machine, joints: Sequence[JointDiagnosis], request: Request) -> JointDiagnosis:

@@ -138,7 +138,7 @@ def _digest(runs: Sequence[MeasuredRun]) -> str:
     """Of all that a nominal replay reads."""
     found = blake2b()
     for run in runs:
-        found.update(repr((run.robot, run.robot_params, run.actuators, run.meta, list(run.joints))).encode())
+        found.update(repr((run.robot, run.robot_params, run.actuators, run.meta, list(run.joints), run.seen)).encode())
         found.update(np.ascontiguousarray(run.time).tobytes())
         for log in run.joints.values():
             for signal, values in log.signals().items():
@@ -148,12 +148,13 @@ def _digest(runs: Sequence[MeasuredRun]) -> str:
 
 @lru_cache(maxsize=1)
 def _motions(robot: LoggedRobot, logged: _Logged) -> list[Motion]:
-    """How the robot moved in each run; what smoothing takes from its joints is put back from their nominal replays.
+    """How the robot moved in each run; what smoothing takes from its joints is put back from their replays, with the
+    numbers of a first look where there was one.
 
     The same for every joint of a log, and kept from one to the next.
     """
     runs = logged.runs
-    taken = flattened(runs, nominal_replays(robot, runs), {})
+    taken = flattened(runs, nominal_replays(robot, runs), runs[0].seen)
     return [motion_of(robot, run, each) for run, each in zip(runs, taken, strict=True)]
 
 

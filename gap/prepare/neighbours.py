@@ -1,4 +1,7 @@
-"""What the drive of each joint of a robot draws from the supply, which sags for all of them.
+"""What the joints of a robot do to each other: how each moves, and what its drive draws from the supply of all.
+
+Both follow from a replay of each joint. A first look at all of them knows their numbers better than what is believed:
+a joint whose rotor is heavier than believed moves less sharply, and shakes its neighbours less.
 
 Few logs have currents. A drive's duty follows from its goals and its measured motion, and duty and speed give the
 current: a bridge draws its duty times the motor's current, and returns nothing.
@@ -26,12 +29,12 @@ MOMENTS = 8
 NOTHING_FOUND: Mapping[str, Mapping[str, float]] = MappingProxyType({})
 
 
-def with_draws(machine: Machine, found: Mapping[str, Mapping[str, float]] = NOTHING_FOUND) -> Machine:
-    """The machine with what each of its drives draws; as it is where there is one joint, or no robot's file.
+def with_neighbours(machine: Machine, found: Mapping[str, Mapping[str, float]] = NOTHING_FOUND) -> Machine:
+    """The machine with what is known of the neighbours of each joint; as it is where there is no robot's file.
 
     Args:
         machine: that was logged.
-        found: numbers of drives that are better known than what is believed, by joint and path.
+        found: numbers of joints that are better known than what is believed, by joint and path.
     """
     robot = machine.robot
     if robot is None:
@@ -40,7 +43,9 @@ def with_draws(machine: Machine, found: Mapping[str, Mapping[str, float]] = NOTH
     for run in machine:
         names = [name for name in run.joints if robot.number(name) >= 0]
         draws = {name: drawn_by(run, name, robot, found.get(name, {})) for name in names} if len(names) > 1 else {}
-        runs.append(replace(run, draws={name: rows for name, rows in draws.items() if rows is not None}))
+        runs.append(
+            replace(run, draws={name: rows for name, rows in draws.items() if rows is not None}, seen=dict(found))
+        )
     return Machine.of(runs)
 
 

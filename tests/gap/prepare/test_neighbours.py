@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import JointLog, MeasuredRun
-from sealegs.gap.prepare.draws import with_draws
+from sealegs.gap.prepare.neighbours import with_neighbours
 from sealegs.gap.replay.tree import drawn_beside
 
 from testbed.everyday import drawn
@@ -48,14 +48,14 @@ def without(machine: Machine, *columns: str) -> Machine:
 @pytest.mark.parametrize(("lost", "alike"), [((), 0.95), (("current",), 0.9), (("current", "duty"), 0.8)])
 def test_what_drives_draw_is_what_makes_the_supply_sag(gripper: Machine, lost: tuple[str, ...], alike: float) -> None:
     late = {name: {"delay.seconds": 0.005 + LATE} for name in ("wrist", "jaw")}
-    for run in with_draws(without(gripper, *lost), late):
+    for run in with_neighbours(without(gripper, *lost), late):
         taken, sag = told(run), sagged(run)
         assert np.corrcoef(taken, sag)[0, 1] > alike
         assert taken @ sag / (taken @ taken) == pytest.approx(SOURCE, rel=0.15)
 
 
 def test_a_joint_sees_what_the_others_draw(gripper: Machine) -> None:
-    run = with_draws(gripper)[0]
+    run = with_neighbours(gripper)[0]
     np.testing.assert_array_equal(drawn_beside(run, "wrist"), run.draws["jaw"])
     assert not drawn_beside(replace(run, draws={}), "wrist").any()
 
@@ -65,7 +65,7 @@ def test_duty_times_current_as_logged_is_what_a_bridge_draws_and_it_gives_nothin
     n = len(run.time)
     logs = dict(run.joints)
     logs["jaw"] = replace(logs["jaw"], duty=np.full(n, -0.5), current=np.where(np.arange(n) % 2, 3.0, -3.0))
-    found = with_draws(Machine.of([replace(run, joints=logs)]))[0].draws["jaw"]
+    found = with_neighbours(Machine.of([replace(run, joints=logs)]))[0].draws["jaw"]
     np.testing.assert_allclose(found[:, 0], np.where(np.arange(n) % 2, 0.0, 1.5))
     assert not found[:, 1].any()
 
@@ -73,13 +73,13 @@ def test_duty_times_current_as_logged_is_what_a_bridge_draws_and_it_gives_nothin
 def test_a_drive_that_is_off_or_has_a_supply_of_its_own_draws_nothing_from_the_others(gripper: Machine) -> None:
     run = gripper[0]
     off = replace(run.joints["jaw"], enabled=np.zeros(len(run.time)))
-    assert not with_draws(Machine.of([replace(run, joints=run.joints | {"jaw": off})]))[0].draws["jaw"].any()
+    assert not with_neighbours(Machine.of([replace(run, joints=run.joints | {"jaw": off})]))[0].draws["jaw"].any()
     own = [{**stage, "supply": {**stage["supply"], "shared": 0}} if "supply" in stage else stage
            for stage in run.actuators["jaw"]]  # fmt: skip
-    alone = with_draws(Machine.of([replace(run, actuators={**run.actuators, "jaw": own})]))[0]
+    alone = with_neighbours(Machine.of([replace(run, actuators={**run.actuators, "jaw": own})]))[0]
     assert "jaw" not in alone.draws and not drawn_beside(alone, "wrist").any()
 
 
 def test_a_bench_has_no_other_drives() -> None:
     run = MeasuredRun("run", np.arange(3.0), {"servo": JointLog(np.zeros(3), np.zeros(3))})
-    assert not with_draws(Machine.of([run]))[0].draws
+    assert not with_neighbours(Machine.of([run]))[0].draws
