@@ -21,7 +21,7 @@ from ..prepare.request import Request
 from ..replay.parameters import numbers
 from ..replay.problem import NOISE_FLOORS, Problem
 from ..search.forward import NUMERICAL
-from ..search.latency import AGREEING, DELAY, NUMBER, Latency, agreeing, latency_of, mean_of
+from ..search.latency import AGREEING, DELAY, NUMBER, ROOM, Latency, agreeing, latency_of, mean_of
 from ..search.look import Look, look
 from ..search.structure import fine, listed
 from ..verdict.evidence import Refused
@@ -177,7 +177,7 @@ def with_supply(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> l
     """
     told = {one.joint: cause for one in diagnoses for cause in one.causes if cause.name == SAG and _draws(one)}
     values = {joint: cause.parameters[RESISTANCE] for joint, cause in told.items() if RESISTANCE in cause.parameters}
-    joints = agreeing({joint: (one.value, max(0.5 * (one.high - one.low), 1e-9)) for joint, one in values.items()})
+    joints = agreeing({joint: (one.value, 0.5 * ROOM * (one.high - one.low)) for joint, one in values.items()})
     if len(joints) < max(2, AGREEING * len(told)):
         return list(diagnoses)
     mean, half = mean_of([(values[joint].value, 0.5 * (values[joint].high - values[joint].low)) for joint in joints])

@@ -15,8 +15,9 @@ from testbed.everyday import drawn
 from testbed.logs import hidden_everyday
 
 GRIPPER = drawn(18, 718)
-"""Late by 7 ms, on a supply of 0.87 ohm; it logs voltage and duty."""
+"""Late by 7 ms, on a supply of 0.87 ohm, with a weak wrist; it logs voltage, duty and current."""
 SOURCE = next(size for name, _, size in GRIPPER.effects if name == "sag")
+WEAK = next(size for name, _, size in GRIPPER.effects if name == "motor_constant")
 LATE = next(size for name, _, size in GRIPPER.effects if name == "latency")
 
 
@@ -47,8 +48,9 @@ def without(machine: Machine, *columns: str) -> Machine:
 
 @pytest.mark.parametrize(("lost", "alike"), [((), 0.95), (("current",), 0.9), (("current", "duty"), 0.8)])
 def test_what_drives_draw_is_what_makes_the_supply_sag(gripper: Machine, lost: tuple[str, ...], alike: float) -> None:
-    late = {name: {"delay.seconds": 0.005 + LATE} for name in ("wrist", "jaw")}
-    for run in with_neighbours(without(gripper, *lost), late):
+    known = {name: {"delay.seconds": 0.005 + LATE} for name in ("wrist", "jaw")}
+    known["wrist"]["dc_motor.motor_constant*"] = WEAK
+    for run in with_neighbours(without(gripper, *lost), known):
         taken, sag = told(run), sagged(run)
         assert np.corrcoef(taken, sag)[0, 1] > alike
         assert taken @ sag / (taken @ taken) == pytest.approx(SOURCE, rel=0.15)

@@ -177,7 +177,7 @@ def test_a_supply_that_joints_agree_on_is_told_once() -> None:
     value = told.parameters[RESISTANCE]
     assert robot.joint == ROBOT and told.name == SAG and told.confidence == 0.99
     assert value.low <= 0.662 <= value.high and value.high - value.low < 0.1
-    assert robot.sentence.startswith("All joints: supply 0.63 ohm") and robot.verdict == EXPLAINED
+    assert robot.sentence.startswith("All joints: supply 0.64 ohm") and robot.verdict == EXPLAINED
     for joint in joints:
         assert not joint.causes and joint.shared == {RESISTANCE: SAG} and joint.shared_shares == {SAG: 0.6}
         assert joint.sentence.startswith(f"{SAG} of the robot explains 60 % of the gap of '{joint.joint}'")
