@@ -103,18 +103,19 @@ def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[
     table = np.stack([record.candidates[k].blocks for k in order])
     rng = np.random.default_rng(seed)
     weights = block_weights(len(record.before), settings.draws, rng)
-    totals = weights @ table.T
+    totals, count = weights @ table.T, float(record.counts.sum())
+    better = (totals < (weights @ record.before)[:, None]).mean(axis=0)
+    # a loss below one a value says that the noise is less than believed, and not that causes are told apart by it
+    totals += settings.shared_error * max(table.sum(axis=1).min(), count) * rng.normal(size=totals.shape)
     limits = [record.candidates[k].limit for k in order]
     names = [record.candidates[k].name for k in order]
     if limits[0] in names:  # data that cannot tell a cause from its limit are poor: the limit is meant
         other = names.index(limits[0])
         if (totals[:, other] <= totals[:, 0]).mean() > settings.rival_win_rate:
             moved = [other, *(k for k in range(len(order)) if k != other)]
-            order, table, totals = [order[k] for k in moved], table[moved], totals[:, moved]
-    better = (totals < (weights @ record.before)[:, None]).mean(axis=0)
-    totals = totals + settings.shared_error * table.sum(axis=1).min() * rng.normal(size=totals.shape)
+            order, table = [order[k] for k in moved], table[moved]
+            better, totals = better[moved], totals[:, moved]
     best = np.bincount(totals.argmin(axis=1), minlength=len(order)) / settings.draws
-    count = float(record.counts.sum())
     removed = (record.before.sum() - table.sum(axis=1)) / count
     gain = np.minimum(removed / max(record.left, 1e-9 / count), 1.0)
     return [Standing(k, *map(float, row)) for k, *row in zip(order, better, best, gain, removed, strict=True)]

@@ -204,8 +204,8 @@ class SearchSettings:
     )
     shared_error: float = threshold(
         0.02,
-        "Relative error of a candidate's loss that all data share, as from time steps and encoder ticks. No resampling "
-        "shows it, so candidates closer than this are not told apart.",
+        "Relative error of a candidate's loss, or of that of the noise if it is larger, that all data share, as from "
+        "time steps and encoder ticks. No resampling shows it, so candidates closer than this are not told apart.",
         decides=True,
     )
     parameter_charge: float = threshold(
