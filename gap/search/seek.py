@@ -9,7 +9,7 @@ from .changed import with_changed_numbers
 from .led import search_led
 from .loose import charged, search_loosely
 from .result import Search
-from .tied import search_tied
+from .tied import ended_tied, naming_ties, search_tied
 
 if TYPE_CHECKING:
     from .forward import Searcher
@@ -34,9 +34,11 @@ def without_the_first(searcher: Searcher, found: Search) -> Search:
     """What is found where the cause that came first is left out, if much stayed beside it and less does then.
 
     A cause that stands in for several together comes before each of them, as a higher resistance does for a heavier
-    rotor and a heavier load, and in its place alone none of them does as well.
+    rotor and a heavier load, and in its place alone none of them does as well. Where causes that fit alike explain what
+    stayed, the first one is right.
     """
-    if not found.accepted or not searcher.excess(found.fits) > searcher.settings.open_excess:
+    tied = ended_tied(found.record, naming_ties(searcher.settings))
+    if not found.accepted or tied or not searcher.excess(found.fits) > searcher.settings.open_excess:
         return found
     first = found.accepted[0].cause.key
     searcher.progress(f"much stays beside {first}: seeking without it")

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
+from sealegs.gap.search.seek import without_the_first
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
 
@@ -250,3 +253,26 @@ def test_each_threshold_is_halved_and_doubled_and_the_page_has_it() -> None:
 def test_thresholds_that_nothing_passes_name_nothing() -> None:
     found = tally(ROWS, SearchSettings(least_removed=1e6))
     assert (found.right, found.false, found.nulls) == (0, 0, 0)
+
+
+def quiet(name: str, left: float) -> Evidence:
+    """A candidate that leaves so little of what the noise is believed to be."""
+    return evidence(name, 0.0, blocks=np.full(BLOCKS, 200.0 * left))
+
+
+def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
+    """A gear ratio beat the inertia of a rotor, surely, by 3 % of a loss that was an eighth of that of the noise."""
+    one, other = standings(round_of(quiet("gear", 0.130), quiet("rotor", 0.134)), DEFAULT, seed=0)
+    assert one.best < 0.8 and other.best > DEFAULT.rival_win_rate
+    first, _ = standings(round_of(quiet("gear", 0.13), quiet("rotor", 0.4)), DEFAULT, seed=0)
+    assert first.best > 0.95
+
+
+def test_a_search_that_ended_on_a_tie_is_not_run_again_without_its_first_cause() -> None:
+    """Beside a heavier rotor, a weak motor and another gear ratio fitted alike: it was left out instead."""
+    tie = round_of(quiet("motor", 0.130), quiet("gear", 0.1305), quiet("voltage", 0.131), excess=1.4)
+    first = round_of(evidence("rotor", 0.4))
+    record = SearchRecord(0, (Step(first, "rotor"), Step(tie)))
+    found: Any = SimpleNamespace(record=record, accepted=("rotor",), fits=None)
+    searcher: Any = SimpleNamespace(settings=DEFAULT, excess=lambda fits: 6.0)
+    assert without_the_first(searcher, found) is found
