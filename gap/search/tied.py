@@ -29,7 +29,8 @@ def search_tied(searcher: Searcher, found: Search) -> Search:
         found: by it, or beside refitted numbers.
     """
     settings = naming_ties(searcher.settings)
-    if found.loose or not ended_tied(found.record, settings):
+    named = found.settings.shared_win_gain == settings.shared_win_gain
+    if found.loose or named or not ended_tied(found.record, settings):
         return found
     searcher.progress("several causes fit alike and remove much: going on with one of them")
     return replace(searcher, settings=settings).run()
