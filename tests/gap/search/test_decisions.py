@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.gap.search import seek
 from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.seek import without_the_first
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
-from sealegs.gap.search.tied import GAIN, ended_tied
+from sealegs.gap.search.tied import GAIN, ended_tied, naming_ties, search_tied
 
 from benchmarks.sensitivity import RECORDS, RESULTS, disagreeing, page, tally
 from tests.small_diagnosis import small_diagnosis
@@ -276,3 +277,32 @@ def test_a_search_that_ended_on_a_tie_is_not_run_again_without_its_first_cause()
     found: Any = SimpleNamespace(record=record, accepted=("rotor",), fits=None)
     searcher: Any = SimpleNamespace(settings=DEFAULT, excess=lambda fits: 6.0)
     assert without_the_first(searcher, found) is found
+
+
+@pytest.mark.parametrize(
+    ("causes", "left", "again"), [(2, 0.5, False), (3, 0.5, True), (3, 0.03, False), (1, 6.0, True)]
+)
+def test_several_causes_with_something_left_are_sought_again_without_the_first(
+    causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A resistance, and two causes that mended it, stood for a heavier rotor and a payload, surely."""
+    asked: list[str] = []
+    monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
+    monkeypatch.setattr(seek, "charged", lambda searcher, found: len(found.accepted))
+    accepted = [SimpleNamespace(cause=SimpleNamespace(key=name)) for name in ("resistance", "coulomb", "scale")]
+    found: Any = SimpleNamespace(
+        record=SearchRecord(0, ()), accepted=accepted[:causes], fits=None, loose=False, settings=DEFAULT
+    )
+    better: Any = SimpleNamespace(record=found.record, accepted=accepted[:1], fits=None, loose=False, settings=DEFAULT)
+    searcher: Any = SimpleNamespace(
+        settings=DEFAULT, excess=lambda fits: left, progress=asked.append, considered=(), run=lambda: better
+    )
+    taken = without_the_first(searcher, found)
+    assert bool(asked) == again and (taken is better) == (again and causes > 1)
+
+
+def test_a_search_that_named_a_tie_is_not_run_again_for_it() -> None:
+    """What was found without its first cause was sought anew with it, since it had ended on a tie that was named."""
+    found: Any = SimpleNamespace(loose=False, settings=naming_ties(DEFAULT), record=None)
+    searcher: Any = SimpleNamespace(settings=DEFAULT)
+    assert search_tied(searcher, found) is found
