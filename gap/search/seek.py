@@ -6,16 +6,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from .changed import with_changed_numbers
-from .decide import finished
 from .led import search_led
 from .loose import charged, search_loosely
 from .result import Search
-from .tied import ended_tied, naming_ties, search_tied
+from .tied import GAIN, ended_tied, search_tied
 
 if TYPE_CHECKING:
     from .forward import Searcher
 
-SEVERAL = 3  # causes, of which the first may be two of another kind that the second and third only mend
+SEVERAL = 3  # causes, of which the first may stand for two that the others mend
 
 
 def seek(searcher: Searcher) -> Search:
@@ -34,25 +33,33 @@ def _ways(searcher: Searcher) -> tuple[Search, ...]:
 
 
 def without_the_first(searcher: Searcher, found: Search) -> Search:
-    """What is found where the cause that came first is left out, if something stayed beside it and less does then.
+    """What is found where the cause that came first is left out, if much or several causes stand beside it and what is
+    found then is better, or as good with fewer causes.
 
     A cause that stands in for several together comes before each of them, as a higher resistance does for a heavier
-    rotor and a heavier load, and in its place alone none of them does as well. Where causes that fit alike explain what
-    stayed, the first one is right.
+    rotor and a heavier load: in its place alone none of them does as well, and further causes mend what it is not.
     """
-    tied = ended_tied(found.record, naming_ties(searcher.settings))
-    if not found.accepted or tied or not _leaves(searcher, found):
+    much = searcher.excess(found.fits) > searcher.settings.open_excess
+    if not found.accepted or not (much or len(found.accepted) >= SEVERAL):
         return found
     first = found.accepted[0].cause.key
-    searcher.progress(f"something stays beside {first}: seeking without it")
+    searcher.progress(f"seeking without {first}")
     causes = [cause for cause in searcher.considered if cause.key != first]
     without = replace(searcher, causes=causes)
     other = replace(search_tied(without, without.run()), causes=searcher.considered)
-    return other if other.accepted and charged(searcher, other) < charged(searcher, found) else found
+    if not other.accepted:
+        return found
+    (here, used), (there, needed) = _worth(searcher, found), _worth(searcher, other)
+    alike = abs(there - here) <= searcher.settings.shared_error * max(here, there, float(searcher.counts.sum()))
+    return other if (needed < used if alike else there < here) else found
 
 
-def _leaves(searcher: Searcher, found: Search) -> bool:
-    """Whether a search left much, or anything at all beside several causes that may each mend what another is not."""
-    left = searcher.excess(found.fits)
-    several = len(found.accepted) >= SEVERAL and not finished(left, searcher.settings)
-    return several or left > searcher.settings.open_excess
+def _worth(searcher: Searcher, found: Search) -> tuple[float, int]:
+    """Charged loss of a search, and its causes; where it ended on a tie, with the best of what fits alike."""
+    loss, count = charged(searcher, found), len(found.accepted)
+    settings = replace(searcher.settings, shared_win_gain=GAIN)
+    if found.settings.shared_win_gain == GAIN or not ended_tied(found.record, settings):
+        return loss, count
+    last = next(step.round for step in reversed(found.record.steps) if step.place is None)
+    best = min(float(one.blocks.sum()) for one in last.candidates)
+    return best * (1.0 + settings.parameter_charge * (count + 1)), count + 1

@@ -28,17 +28,12 @@ def search_tied(searcher: Searcher, found: Search) -> Search:
         searcher: that found something.
         found: by it, or beside refitted numbers.
     """
-    settings = naming_ties(searcher.settings)
-    named = found.settings.shared_win_gain == settings.shared_win_gain
+    settings = replace(searcher.settings, shared_win_gain=GAIN)
+    named = found.settings.shared_win_gain == GAIN
     if found.loose or named or not ended_tied(found.record, settings):
         return found
     searcher.progress("several causes fit alike and remove much: going on with one of them")
     return replace(searcher, settings=settings).run()
-
-
-def naming_ties(settings: SearchSettings) -> SearchSettings:
-    """Settings with which one of several causes that fit alike is named."""
-    return replace(settings, shared_win_gain=GAIN)
 
 
 def ended_tied(record: SearchRecord, settings: SearchSettings) -> bool:

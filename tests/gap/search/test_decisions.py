@@ -15,7 +15,7 @@ from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.seek import without_the_first
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
-from sealegs.gap.search.tied import GAIN, ended_tied, naming_ties, search_tied
+from sealegs.gap.search.tied import GAIN, ended_tied
 
 from benchmarks.sensitivity import RECORDS, RESULTS, disagreeing, page, tally
 from tests.small_diagnosis import small_diagnosis
@@ -269,40 +269,30 @@ def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
     assert first.best > 0.95
 
 
-def test_a_search_that_ended_on_a_tie_is_not_run_again_without_its_first_cause() -> None:
-    """Beside a heavier rotor, a weak motor and another gear ratio fitted alike: it was left out instead."""
-    tie = round_of(quiet("motor", 0.130), quiet("gear", 0.1305), quiet("voltage", 0.131), excess=1.4)
-    first = round_of(evidence("rotor", 0.4))
-    record = SearchRecord(0, (Step(first, "rotor"), Step(tie)))
-    found: Any = SimpleNamespace(record=record, accepted=("rotor",), fits=None)
-    searcher: Any = SimpleNamespace(settings=DEFAULT, excess=lambda fits: 6.0)
-    assert without_the_first(searcher, found) is found
-
-
 @pytest.mark.parametrize(
-    ("causes", "left", "again"), [(2, 0.5, False), (3, 0.5, True), (3, 0.03, False), (1, 6.0, True)]
+    ("causes", "left", "again"), [(2, 0.5, False), (3, 0.03, True), (1, 6.0, True)], ids=["two", "three", "much left"]
 )
-def test_several_causes_with_something_left_are_sought_again_without_the_first(
+def test_several_causes_are_sought_again_without_the_first(
     causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A resistance, and two causes that mended it, stood for a heavier rotor and a payload, surely."""
     asked: list[str] = []
     monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
-    monkeypatch.setattr(seek, "charged", lambda searcher, found: len(found.accepted))
+    monkeypatch.setattr(seek, "charged", lambda searcher, found: found.loss)
     accepted = [SimpleNamespace(cause=SimpleNamespace(key=name)) for name in ("resistance", "coulomb", "scale")]
-    found: Any = SimpleNamespace(
-        record=SearchRecord(0, ()), accepted=accepted[:causes], fits=None, loose=False, settings=DEFAULT
-    )
-    better: Any = SimpleNamespace(record=found.record, accepted=accepted[:1], fits=None, loose=False, settings=DEFAULT)
+    plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
+    found: Any = SimpleNamespace(accepted=accepted[:causes], loss=13000.0, **plain)
+    other: Any = SimpleNamespace(accepted=accepted[:2], loss=13010.0, **plain)
     searcher: Any = SimpleNamespace(
-        settings=DEFAULT, excess=lambda fits: left, progress=asked.append, considered=(), run=lambda: better
+        settings=DEFAULT,
+        excess=lambda fits: left,
+        progress=asked.append,
+        considered=(),
+        run=lambda: other,
+        counts=COUNTS,
     )
+    monkeypatch.setattr(seek, "search_tied", lambda searcher, found: found)
+    monkeypatch.setattr(seek, "ended_tied", lambda record, settings: False)
     taken = without_the_first(searcher, found)
-    assert bool(asked) == again and (taken is better) == (again and causes > 1)
-
-
-def test_a_search_that_named_a_tie_is_not_run_again_for_it() -> None:
-    """What was found without its first cause was sought anew with it, since it had ended on a tie that was named."""
-    found: Any = SimpleNamespace(loose=False, settings=naming_ties(DEFAULT), record=None)
-    searcher: Any = SimpleNamespace(settings=DEFAULT)
-    assert search_tied(searcher, found) is found
+    assert bool(asked) == again
+    assert (taken is other) == (causes == 3)  # it fits as well, with fewer causes
