@@ -39,9 +39,9 @@ def with_neighbours(machine: Machine, found: Mapping[str, Mapping[str, float]] =
     robot = machine.robot
     if robot is None:
         return machine
-    runs = []
+    runs, driven = [], {item.name for item in robot.file.joints if robot.number(item.name) >= 0}
     for run in machine:
-        names = [name for name in run.joints if robot.number(name) >= 0]
+        names = [name for name in run.joints if name in driven]
         draws = {name: drawn_by(run, name, robot, found.get(name, {})) for name in names} if len(names) > 1 else {}
         runs.append(
             replace(run, draws={name: rows for name, rows in draws.items() if rows is not None}, seen=dict(found))
@@ -69,13 +69,15 @@ def drawn_by(run: MeasuredRun, joint: str, robot: LoggedRobot, found: Mapping[st
         return on[:, None] * np.stack([drawn, np.zeros(len(drawn))], axis=1)
     if log.duty is None and command is None:
         return None
+    good = np.isfinite(log.position)
+    known = np.ones(1, bool) if command is None else np.isfinite(command)
+    if not good.any() or not known.any():
+        return None
     every = MOMENTS if log.duty is None else 1
     at = np.interp(np.arange(every * len(run.time)) / every, np.arange(len(run.time)), run.time)
-    good = np.isfinite(log.position)
     smooth, rate, _ = derivatives(run.time, np.interp(run.time, run.time[good], log.position[good]))
     position, speed = np.interp(at, run.time, smooth), np.interp(at, run.time, rate)
     if log.duty is None:
-        known = np.isfinite(command)
         held = command[known][np.maximum(np.searchsorted(run.time[known], at, "right") - 1, 0)]
         duty = _duty(model, at - at[0], held, position, speed)
     else:

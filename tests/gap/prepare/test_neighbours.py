@@ -14,6 +14,10 @@ from sealegs.gap.replay.tree import drawn_beside
 from testbed.everyday import drawn
 from testbed.logs import hidden_everyday
 
+ARM = """<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0"/><geom size=".02" mass=".1"/>
+<body pos="0 0 -.1"><joint name="elbow" axis="0 1 0"/><geom size=".02" mass=".1"/>
+<body pos="0 0 -.1"><joint name="hand" axis="0 1 0"/><geom size=".02" mass=".05"/></body>
+</body></body></worldbody></mujoco>"""
 GRIPPER = drawn(18, 718)
 """Late by 7 ms, on a supply of 0.87 ohm, with a weak wrist; it logs voltage, duty and current."""
 SOURCE = next(size for name, _, size in GRIPPER.effects if name == "sag")
@@ -85,3 +89,17 @@ def test_a_drive_that_is_off_or_has_a_supply_of_its_own_draws_nothing_from_the_o
 def test_a_bench_has_no_other_drives() -> None:
     run = MeasuredRun("run", np.arange(3.0), {"servo": JointLog(np.zeros(3), np.zeros(3))})
     assert not with_neighbours(Machine.of([run]))[0].draws
+
+
+def test_joints_without_a_drive_or_without_readings_draw_nothing(gripper: Machine, tmp_path) -> None:
+    """A hand that hangs on a joint nobody drives is logged, too."""
+    run = gripper[0]
+    blank = replace(run.joints["jaw"], position=np.full(len(run.time), np.nan), duty=None, current=None)
+    found = with_neighbours(Machine.of([replace(run, joints=run.joints | {"jaw": blank})]))[0]
+    assert set(found.draws) == {"wrist"}
+    (tmp_path / "arm.xml").write_text(ARM)
+    driven = "joints: {shoulder: {chain: sts3215}, elbow: {chain: sts3215}}"
+    (tmp_path / "arm.yaml").write_text(f"model: arm.xml\n{driven}\n")
+    logs = {name: JointLog(np.zeros(3), np.zeros(3)) for name in ("shoulder", "elbow", "hand")}
+    hanging = MeasuredRun("run", np.arange(3.0), logs, robot=str(tmp_path / "arm.yaml"), source=tmp_path / "run.csv")
+    assert set(with_neighbours(Machine.of([hanging]))[0].draws) == {"shoulder", "elbow"}
