@@ -67,25 +67,29 @@ def drawn_by(run: MeasuredRun, joint: str, robot: LoggedRobot, found: Mapping[st
     if log.duty is not None and log.current is not None:
         drawn = np.maximum(np.nan_to_num(log.duty * log.current), 0.0)
         return on[:, None] * np.stack([drawn, np.zeros(len(drawn))], axis=1)
-    if log.duty is None and command is None:
-        return None
     good = np.isfinite(log.position)
-    known = np.ones(1, bool) if command is None else np.isfinite(command)
-    if not good.any() or not known.any():
+    if not good.any():
         return None
-    every = MOMENTS if log.duty is None else 1
-    at = np.interp(np.arange(every * len(run.time)) / every, np.arange(len(run.time)), run.time)
     smooth, rate, _ = derivatives(run.time, np.interp(run.time, run.time[good], log.position[good]))
-    position, speed = np.interp(at, run.time, smooth), np.interp(at, run.time, rate)
-    if log.duty is None:
-        held = command[known][np.maximum(np.searchsorted(run.time[known], at, "right") - 1, 0)]
-        duty = _duty(model, at - at[0], held, position, speed)
-    else:
-        duty = np.nan_to_num(log.duty)
+    every, duty, speed = 1, log.duty, rate
+    if duty is None:
+        if command is None or not np.isfinite(command).any():
+            return None
+        every, count = MOMENTS, len(run.time)
+        at = np.interp(np.arange(every * count) / every, np.arange(count), run.time)
+        speed = np.interp(at, run.time, rate)
+        duty = _duty(model, at - at[0], _held(run.time, command, at), np.interp(at, run.time, smooth), speed)
+    duty = np.nan_to_num(duty)
     motor = motor_behind(model.chain, supply)
     drawn = duty * (duty * supply.volts - motor["back_emf"] * speed) / motor["motor_resistance"]
     less = np.where(drawn > 0.0, duty**2 / motor["motor_resistance"], 0.0)
     return on[:, None] * np.stack([np.maximum(drawn, 0.0), less], axis=1).reshape(-1, every, 2).mean(axis=1)
+
+
+def _held(time: Array, command: Array, at: Array) -> Array:
+    """The command in force (m,) at other times ``at`` (m,), from rows (n,) of which some may be empty."""
+    known = np.isfinite(command)
+    return command[known][np.maximum(np.searchsorted(time[known], at, "right") - 1, 0)]
 
 
 def _duty(model: JointModel, time: Array, goal: Array, position: Array, speed: Array) -> Array:
