@@ -270,7 +270,11 @@ def of_all(diagnoses: Sequence[JointDiagnosis], told: OfAll) -> list[JointDiagno
 
 def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> JointDiagnosis:
     """What is said of the robot, with another cause of all joints; the one that does most comes first."""
-    share = robot.shared_shares.get(cause.name, cause.share)
+    tuned, open_share = robot.tuned_share, robot.unexplained
+    share = robot.shared_shares.get(cause.name)
+    if share is None:  # until now its numbers were tuned ones of the joints, or explained nothing
+        share = min(cause.share, tuned + open_share)
+        tuned, open_share = max(tuned - share, 0.0), open_share - max(share - tuned, 0.0)
     cause = replace(cause, share=share, gain=share)
     causes = tuple(sorted((cause, *robot.causes), key=lambda one: -one.share))
     others = listed([f"{one.name} {100.0 * one.share:.0f} %" for one in robot.causes])
@@ -278,6 +282,11 @@ def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> Join
     sentence = f"All joints: {size}; beside it {others} ({certainty(robot.causes)})."
     if causes[0] is not cause:
         sentence = f"{robot.sentence.removesuffix('.')}; beside it the {size}."
-    reasons = (Reason("shared", f"All joints: {size}."), *robot.reasons)
-    left = {name: part for name, part in robot.shared_shares.items() if name != cause.name}
-    return robot.changed(causes=causes, sentence=sentence, shared_shares=left, reasons=reasons)
+    return robot.changed(
+        causes=causes,
+        sentence=sentence,
+        shared_shares={name: part for name, part in robot.shared_shares.items() if name != cause.name},
+        reasons=(Reason("shared", f"All joints: {size}."), *robot.reasons),
+        tuned_share=tuned,
+        unexplained=open_share,
+    )

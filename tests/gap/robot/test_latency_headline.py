@@ -195,5 +195,6 @@ def test_the_supply_comes_beside_the_latency_of_all_joints() -> None:
     )
     robot = with_supply(late, FOUND)[-1]
     assert [one.name for one in robot.causes] == [DELAY, SAG]
+    assert robot.tuned_share + robot.unexplained + sum(one.share for one in robot.causes) == pytest.approx(1.0)
     assert "latency 22.3 ms" in robot.sentence and robot.sentence.endswith("% of the gap.")
     assert "beside it the supply 0.62 ohm" in robot.sentence
