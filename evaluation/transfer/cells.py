@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -161,16 +161,16 @@ def _randomised(chain: dict[str, Any], mass: tuple[float, float], bias: float) -
 
 
 def _every(folder: Path, ends: tuple[float, float]) -> dict[str, Any]:
-    """All numbers of the chain that are not 0 but the encoder's ticks, a duty of at most 1."""
+    """All numbers of the chain that are not 0 but the encoder's ticks, within their own bounds."""
     from ...envs.robots import get_robot
 
     chain = load_chain(next(iter(get_robot(folder / "robot.yaml").chains_for(None).values())))
     found = {}
     for stage in chain.stages:
+        most = {item.name: item.metadata.get("high", np.inf) for item in fields(stage)}
         for key, value in stage.parameters().items():
             if value and stage.name != "encoder":
-                high = min(ends[1], 1.0 / value) if stage.name == "duty_limit" else ends[1]
-                found[f"{stage.name}.{key}"] = (ends[0], high)
+                found[f"{stage.name}.{key}"] = (ends[0], min(ends[1], most[key] / value))
     return found
 
 

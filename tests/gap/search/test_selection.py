@@ -13,6 +13,7 @@ from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
+from sealegs.gap.measure.confidence import THRESHOLDS
 from sealegs.gap.replay.comparison import robust_loss
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
@@ -244,7 +245,10 @@ def test_a_rotor_and_play_that_act_together_are_named_and_no_number_is_refitted(
     data, truth = hidden_everyday(hidden, tmp_path)
     (found,) = diagnose(data)
     named = {cause.name: cause for cause in found.causes}
-    assert set(named) == {"load.inertia", "drive.delay", "load.mass", "transmission.backlash"}
+    hidden_ones = {"load.inertia", "drive.delay", "load.mass", "transmission.backlash"}
+    assert hidden_ones <= set(named)
+    # a softer shaft beside the play is a guess
+    assert all(cause.confidence < THRESHOLDS.sure for name, cause in named.items() if name not in hidden_ones)
     assert found.causes[0].name == "load.inertia" and found.search is not None and not found.search.loose
     sizes = {name: effect["values"][0] for effect in truth["effects"] for name in effect["cause"] if "values" in effect}
     sizes["load.mass"] = hidden.with_effects(hidden.effects)[1] / hidden.machine.tip_mass
