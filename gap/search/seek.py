@@ -9,7 +9,7 @@ from .changed import with_changed_numbers
 from .led import search_led
 from .loose import charged, search_loosely
 from .result import Search
-from .tied import GAIN, ended_tied, search_tied
+from .tied import leaves_tie, search_tied
 
 if TYPE_CHECKING:
     from .forward import Searcher
@@ -57,9 +57,8 @@ def without_the_first(searcher: Searcher, found: Search) -> Search:
 def _worth(searcher: Searcher, found: Search) -> tuple[float, int]:
     """Charged loss of a search, and its causes; where it ended on a tie, with the best of what fits alike."""
     loss, count = charged(searcher, found), len(found.accepted)
-    settings = replace(searcher.settings, shared_win_gain=GAIN)
-    if found.settings.shared_win_gain == GAIN or not ended_tied(found.record, settings):
+    if not leaves_tie(searcher, found):
         return loss, count
     last = next(step.round for step in reversed(found.record.steps) if step.place is None)
     best = min(float(one.blocks.sum()) for one in last.candidates)
-    return best * (1.0 + settings.parameter_charge * (count + 1)), count + 1
+    return best * (1.0 + searcher.settings.parameter_charge * (count + 1)), count + 1

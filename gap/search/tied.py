@@ -28,12 +28,16 @@ def search_tied(searcher: Searcher, found: Search) -> Search:
         searcher: that found something.
         found: by it, or beside refitted numbers.
     """
-    settings = replace(searcher.settings, shared_win_gain=GAIN)
-    named = found.settings.shared_win_gain == GAIN
-    if found.loose or named or not ended_tied(found.record, settings):
+    if found.loose or not leaves_tie(searcher, found):
         return found
     searcher.progress("several causes fit alike and remove much: going on with one of them")
-    return replace(searcher, settings=settings).run()
+    return replace(searcher, settings=replace(searcher.settings, shared_win_gain=GAIN)).run()
+
+
+def leaves_tie(searcher: Searcher, found: Search) -> bool:
+    """Whether a search ended on a tie that it did not name."""
+    named = found.settings.shared_win_gain == GAIN
+    return not named and ended_tied(found.record, replace(searcher.settings, shared_win_gain=GAIN))
 
 
 def ended_tied(record: SearchRecord, settings: SearchSettings) -> bool:

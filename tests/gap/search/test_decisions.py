@@ -292,7 +292,7 @@ def test_several_causes_are_sought_again_without_the_first(
         counts=COUNTS,
     )
     monkeypatch.setattr(seek, "search_tied", lambda searcher, found: found)
-    monkeypatch.setattr(seek, "ended_tied", lambda record, settings: False)
+    monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
     taken = without_the_first(searcher, found)
     assert bool(asked) == again
     assert (taken is other) == (causes == 3)  # it fits as well, with fewer causes
