@@ -2,78 +2,36 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ...actuators.gravity import GRAVITY
 from ...common.errors import SealegsError, nearest
 from ...envs.bench.robot import BARE, NUMBERS
 from ...envs.bench.robot import inertia as pendulum_inertia
-from .load import Range
+from .load import Load, Range
 
 
 @dataclass(frozen=True)
-class PendulumLoad:
+class PendulumLoad(Load):
     """What a bench carries, as a change of what its sidecar says.
 
-    Attributes:
-        mass_factor: true over believed mass.
-        extra_inertia: beyond that of mass and arm [kg.m2].
-        centre_shift: of the mass along the arm [m].
-        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
-        stop_stiffness: of what blocks it [N.m/rad]; 0: as usual of such a joint.
-        typical_inertia: of the largest load that a run's sidecar describes [kg.m2], by which a search is scaled.
+    ``centre_shift`` is that of the mass along the arm, and ``typical_inertia`` that of the largest load that a run's
+    sidecar describes. Nothing hangs behind what hangs on the shaft. Whoever hangs a mass there has weighed it, and the
+    zero of the encoder is a pose of whatever hangs there.
     """
 
-    mass_factor: float = 1.0
-    extra_inertia: float = 0.0
-    centre_shift: float = 0.0
-    stop_angle: float = math.inf
-    lower_stop: float = -math.inf
-    stop_stiffness: float = 0.0
-    typical_inertia: float = 0.0
-
-    @property
-    def mass_keys(self) -> tuple[str, ...]:
-        """The mass as a factor."""
-        return ("mass_factor",)
-
-    @property
-    def least_payload(self) -> float:
-        """Unknown: its mass is turned as a factor [kg]."""
-        return 0.0
-
-    @property
-    def own_lever(self) -> float:
-        """0: nothing hangs behind what hangs on the shaft."""
-        return 0.0
-
-    @property
-    def tip_mass(self) -> float:
-        """0: as :attr:`own_lever`."""
-        return 0.0
-
-    @property
-    def tunable(self) -> tuple[str, ...]:
-        """None: whoever hangs a mass there has weighed it."""
-        return ()
+    mass_keys: ClassVar[tuple[str, ...]] = ("mass_factor",)
+    tunable: ClassVar[tuple[str, ...]] = ()
+    predictable: ClassVar[bool] = True
+    pose_known: ClassVar[bool] = False
 
     @property
     def pull_back(self) -> float:
         """Unbounded: it always hangs."""
         return math.inf
-
-    @property
-    def predictable(self) -> bool:
-        """It hangs on nothing else that moves."""
-        return True
-
-    @property
-    def pose_known(self) -> bool:
-        """The zero of the encoder is a pose of whatever hangs there."""
-        return False
 
     def known(self, params: Mapping[str, float]) -> bool:
         """Whether a run says what hangs there."""
@@ -110,7 +68,7 @@ class PendulumLoad:
     def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
         """Angles below and beyond which something blocks the link [rad]."""
         if not params:
-            return self.lower_stop, self.stop_angle
+            return super().stops(params)
         n = self.numbers(params)
         return n["lower_stop"], n["upper_stop"]
 
@@ -129,19 +87,6 @@ class PendulumLoad:
         """Of a mass that nobody weighed, from a gram to some kilograms, and more inertia than that of a point."""
         del armature
         return {"mass_factor": Range(0.005, 20.0, 1.0, 0.3), "extra_inertia": Range(0.0, 0.1, 0.002, 0.002)}
-
-    def along_log(self, slide: bool) -> dict[str, float]:
-        """Nothing: inertia and gravity torque say all."""
-        del slide
-        return {}
-
-    def value(self, key: str) -> float:
-        """A number that a fit may turn."""
-        return getattr(self, key)
-
-    def with_values(self, values: Mapping[str, float]) -> PendulumLoad:
-        """The load with some of these numbers set."""
-        return dataclasses.replace(self, **values)
 
 
 def completed(params: Mapping[str, float]) -> dict[str, float]:

@@ -2,76 +2,43 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
-from .load import Range
+from .load import Load, Range
 
 
 @dataclass(frozen=True)
-class TreeLoad:
+class TreeLoad(Load):
     """What hangs behind a joint of a robot, as a change of what its model file says.
 
+    ``extra_inertia`` is of the joint's own body about the joint's axis; of a slide, mass that gravity does not feel
+    [kg]. ``centre_shift`` is of that body's centre of mass, ``typical_inertia`` is in the middle of the log. Its masses
+    were weighed or computed by somebody, and the file says its pose; how it moves depends on the other joints.
+
     Attributes:
-        mass_factor: true over believed mass of all that hangs behind the joint.
         payload: at the end of the robot, believed to carry nothing [kg].
-        extra_inertia: of the joint's own body about the joint's axis, beyond that of the file [kg.m2]; of a slide, mass
-            that gravity does not feel [kg].
-        rotor_inertia: the same of what turns only as the joint does against its parent, as a rotor behind a gear.
-        centre_shift: of the joint's own body's centre of mass, away from the joint [m].
-        stop_angle, lower_stop: beyond and below which something blocks the link [rad].
-        stop_stiffness: of what blocks it [N.m/rad]; 0: as usual of such a joint.
-        typical_inertia: in the middle of the log [kg.m2].
+        rotor_inertia: inertia beyond the chain's, of what turns only as the joint does against its parent, as a rotor
+            behind a gear [kg.m2].
         typical_gravity: largest change of the torque with the angle [N.m/rad].
-        least_payload: the least that leaves a body at the end of the robot [kg], below zero.
-        own_lever: of the joint's own body where others hang behind it, from the joint to its centre of mass [m]; 0
-            where nothing does: then one factor is all that its mass may be wrong by.
-        tip_mass: what would weigh as much at the end of the robot as the last of those bodies does [kg]; 0 where
-            there is none.
         carried: whether joints above turned the joint's own body about the joint's axis in the log.
     """
 
-    mass_factor: float = 1.0
+    mass_keys: ClassVar[tuple[str, ...]] = ("mass_factor", "payload")
+    tunable: ClassVar[tuple[str, ...]] = ("mass_factor",)
+    predictable: ClassVar[bool] = False
+    pose_known: ClassVar[bool] = True
+
     payload: float = 0.0
-    extra_inertia: float = 0.0
     rotor_inertia: float = 0.0
-    centre_shift: float = 0.0
-    stop_angle: float = math.inf
-    lower_stop: float = -math.inf
-    stop_stiffness: float = 0.0
-    typical_inertia: float = 0.0
     typical_gravity: float = 0.0
-    least_payload: float = 0.0
-    own_lever: float = 0.0
-    tip_mass: float = 0.0
     carried: bool = False
-
-    @property
-    def mass_keys(self) -> tuple[str, ...]:
-        """All that hangs behind the joint, or something at the end of it."""
-        return ("mass_factor", "payload")
-
-    @property
-    def tunable(self) -> tuple[str, ...]:
-        """Masses of bodies that somebody weighed or computed."""
-        return ("mass_factor",)
 
     @property
     def pull_back(self) -> float:
         """As it was along the log."""
         return self.typical_gravity * self.mass_factor
-
-    @property
-    def predictable(self) -> bool:
-        """It depends on how the other joints move."""
-        return False
-
-    @property
-    def pose_known(self) -> bool:
-        """The model file says it."""
-        return True
 
     def known(self, params: Mapping[str, float]) -> bool:
         """Whether the load is known; it is, or there would be none of these."""
@@ -92,15 +59,6 @@ class TreeLoad:
         """None: a planned motion of a robot goes where it went before [N.m]."""
         del params
         return 0.0
-
-    def stops(self, params: Mapping[str, float]) -> tuple[float, float]:
-        """Angles below and beyond which something blocks the link [rad]."""
-        del params
-        return self.lower_stop, self.stop_angle
-
-    def numbers(self, params: Mapping[str, float]) -> dict[str, float]:
-        """Numbers of a bench with this load: none, a robot's stand in its model file."""
-        return dict(params)
 
     def stop_ranges(self, middle: float, half: float, start: float) -> tuple[Range, Range]:
         """About the middle of its motion, which need not be at zero; what it reached is less than it would have."""
@@ -135,11 +93,3 @@ class TreeLoad:
             "payload": self.payload,
             "shift": self.centre_shift,
         }
-
-    def value(self, key: str) -> float:
-        """A number that a fit may turn."""
-        return getattr(self, key)
-
-    def with_values(self, values: Mapping[str, float]) -> TreeLoad:
-        """The load with some of these numbers set."""
-        return dataclasses.replace(self, **values)
