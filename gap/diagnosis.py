@@ -13,9 +13,9 @@ from ..common.errors import SealegsError
 from .log.finding import Finding
 from .log.progress import Progress
 from .log.types import MeasuredSet
-from .measure.named import NamedCause, Value
+from .measure.named import NamedCause
 from .output.document import document_of, joints_of, read_document
-from .output.numbers import rounded, sureness, unit_of
+from .output.numbers import sureness, told_value
 from .verdict.verdict import DataError, JointDiagnosis
 
 if TYPE_CHECKING:
@@ -148,15 +148,10 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """Verdict, sentence and causes, for a notebook."""
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
-            for cause in self.causes
-            for row in _rows(cause)
-        )
-        heads = "".join(
-            f"<th>{head}</th>" for head in ("cause", "joint", "confidence", "number", "value", "95 %", "model")
-        )
-        table = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
+        import pandas as pd
+
+        rows = [row for cause in self.causes for row in _rows(cause)]
+        table = pd.DataFrame(rows, columns=list(HEADS)).to_html(index=False) if rows else ""
         faults = "".join(f"<p>Error of the log: {escape(error.sentence)}</p>" for error in self.data_errors)
         return f"<div><p><b>{escape(self.verdict)}</b>: {escape(self.sentence)}</p>{faults}{table}</div>"
 
@@ -167,11 +162,6 @@ HEADS = ("cause", "joint", "confidence", "number", "value", "95 %", "model")
 
 def _rows(cause: NamedCause) -> list[tuple[str, ...]]:
     first = (cause.name, cause.joint, sureness(cause.confidence))
-    numbers = [(path, *_size(value)) for path, value in cause.parameters.items()] or [("", "", "", "")]
+    told = {path: told_value(value) for path, value in cause.parameters.items()}
+    numbers = [(path, t.size, t.interval, t.nominal) for path, t in told.items()] or [("", "", "", "")]
     return [(*(first if k == 0 else ("", "", "")), *number) for k, number in enumerate(numbers)]
-
-
-def _size(value: Value) -> tuple[str, str, str]:
-    """A value with its unit, its interval, and what the model believed, as exact as the interval is."""
-    found, low, high = rounded(value)
-    return f"{found} {unit_of(value)}".strip(), f"{low} to {high}", f"{value.nominal:.4g}"

@@ -10,7 +10,7 @@ from sealegs.gap.measure.case import Case
 from sealegs.gap.measure.measured import Measured
 from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.search.structure import Structure
-from sealegs.gap.verdict.evidence import Replayed
+from sealegs.gap.verdict.verdict import Replayed
 
 
 def evidence(

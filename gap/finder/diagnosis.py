@@ -54,8 +54,16 @@ from ..search.seek import seek
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.windows import in_windows
 from ..verdict.decide import decide, refuse, refuse_divergence
-from ..verdict.evidence import Refused, Replayed
-from ..verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, PARTLY, JointDiagnosis, data_errors, rivals_of
+from ..verdict.verdict import (
+    EXPLAINED,
+    NOT_IDENTIFIABLE,
+    PARTLY,
+    JointDiagnosis,
+    Refused,
+    Replayed,
+    data_errors,
+    rivals_of,
+)
 from ..verdict.words import recording_reasons
 from .imu import beside, diagnose_imu
 from .parallel import side_by_side

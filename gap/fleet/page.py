@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from ...common.atomic import write_text, written
 from ..log.finding import MAX_TOLD
+from ..output.pictures import png
 from ..output.pictures.style import EXTENDED, NOMINAL, figure, styled
+from ..output.report import rendered
 from .table import NOT_DIAGNOSED, Row, Shared
 
 FLEET_FOLDER = Path(__file__).parent
-STYLE_SHEET = FLEET_FOLDER.parent / "output" / "report" / "report.css"
 
 
 @styled
@@ -75,23 +74,14 @@ def write_page(rows: Sequence[Row], shared: Sequence[Shared], folder: Path, name
         folder: of the fleet; reports of servos are linked relative to it.
         name: of the fleet.
     """
-    chart = draw_fleet(rows, shared)
     picture, page = folder / "fleet.png", folder / "fleet.html"
-    buffer = io.BytesIO()
-    chart.savefig(buffer, format="png")
+    drawn = png(draw_fleet(rows, shared))
     with written(picture, replace=True) as fresh:
-        fresh.write_bytes(buffer.getvalue())
-    environment = Environment(
-        loader=FileSystemLoader(FLEET_FOLDER),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    html = environment.get_template("fleet.html.j2").render(
+        fresh.write_bytes(drawn)
+    html = rendered(
+        FLEET_FOLDER / "fleet.html.j2",
         name=name,
-        style=STYLE_SHEET.read_text(encoding="utf-8"),
-        picture=base64.b64encode(buffer.getvalue()).decode(),
+        picture=base64.b64encode(drawn).decode(),
         rows=rows,
         shared=shared,
         reports={row.folder for row in rows if (folder / row.folder / "report.html").is_file()},

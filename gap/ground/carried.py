@@ -22,12 +22,12 @@ from ..checks.signal import derivatives
 from ..load.robot import Frame
 from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
-from .many import WITHOUT_END
+from .pieces import WITHOUT_END, made_heavy
+from .tree_model import PLANE, touching
 from .tree_replay import shares
 
 SETTLING_SECONDS, SPEED_UP_SECONDS = 0.5, 0.2  # that it settles in its first pose, and in which motion then sets in
 FALLEN_ANGLE = 0.7  # [rad] from upright: what it does then, its legs do not tell
-PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,7 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
     clock, angles = _paths(run, names, frames, step)
     position = angles @ motors.T
     moved = np.diff(position, axis=0, prepend=position[:1]) / step  # as the engine integrates: a speed first
-    dofs = []
-    for name in joints:
-        number = model.joint(name).id
-        dof = int(model.jnt_dofadr[number])
-        model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = WITHOUT_END, 0.0, 0.0
-        model.jnt_range[number], model.jnt_stiffness[number] = (-WITHOUT_END, WITHOUT_END), 0.0
-        dofs.append(dof)
+    dofs = made_heavy(model, joints)
     places = [int(model.joint(name).qposadr[0]) for name in joints]
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)  # a foot bears on the floor with the whole robot, not as its own light body
@@ -117,12 +111,8 @@ def _paths(run: MeasuredRun, names: list[str], frames: dict[str, Frame], step: f
 def _put_down(model: mujoco.MjModel, data: mujoco.MjData, floor: int, base: int) -> bool:
     """Set the robot onto its floor; whether there is anything that can stand on it."""
     mujoco.mj_kinematics(model, data)
-    kind, affinity = int(model.geom_contype[floor]), int(model.geom_conaffinity[floor])
-    nearest = np.inf
-    for geom in range(model.ngeom):
-        touches = kind & int(model.geom_conaffinity[geom]) or affinity & int(model.geom_contype[geom])
-        if int(model.body_weldid[model.geom_bodyid[geom]]) > 0 and touches:
-            nearest = min(nearest, mujoco.mj_geomDistance(model, data, floor, geom, 10.0, None))
+    touch = touching(model, floor)
+    nearest = min((mujoco.mj_geomDistance(model, data, floor, geom, 10.0, None) for geom in touch), default=np.inf)
     if not np.isfinite(nearest):
         return False
     data.qpos[base + 2] -= nearest

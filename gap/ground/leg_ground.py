@@ -16,13 +16,12 @@ from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
-from .causes import CONTACT_TIME_FACTOR, ground_causes
-from .laid import MIN_PIECES, Laid, too_few
+from .laid import CONTACT_TIME_FACTOR, MIN_PIECES, Laid, ground_causes, too_few
 from .leg_model import LegModel
 from .leg_replay import JOINTS, LegReplay
-from .many import ENGINE_STEP
+from .pieces import ENGINE_STEP, Piece
 from .problem import GroundProblem, Judged, ground_problem
-from .stances import COLUMNS, MODEL_ERRORS, UNITS, UNJUDGED_SECONDS, Stance, column_noise, columns, find_stances
+from .stances import COLUMNS, MODEL_ERRORS, UNITS, UNJUDGED_SECONDS, column_noise, columns, find_stances
 
 
 def lay_leg(
@@ -70,7 +69,7 @@ def lay_leg(
         return why
     return Laid(
         problem=leg_problem(runs, leg, stances, noise, test_group),
-        causes=partial(_causes, leg),
+        causes=partial(contact_causes, leg),
         tuned=tuple(ground_numbers(leg)),
         pieces="stances",
         advice="the foot stays far from its limits. Hop higher, or push harder forward and back.",
@@ -82,18 +81,14 @@ def lay_leg(
 def leg_problem(
     runs: Sequence[MeasuredRun],
     leg: LegModel,
-    stances: Sequence[Stance],
+    stances: Sequence[Piece],
     noise: np.ndarray,
     test_group: str | None = None,
 ) -> GroundProblem:
     """Stances of a hopper as a problem, with the rms error of a sample of each judged column (4,)."""
     judged = Judged(COLUMNS, UNITS, np.array(MODEL_ERRORS), noise, UNJUDGED_SECONDS)
-    replay = LegReplay(leg, runs, stances, ENGINE_STEP)
+    replay = LegReplay(leg, runs, stances)
     return ground_problem(runs, leg, replay, judged, [columns(run) for run in runs], test_group)
-
-
-def _causes(leg: LegModel, names: Sequence[str] | None) -> list[Cause]:
-    return contact_causes(leg, names)
 
 
 def _unlogged() -> Finding:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ...actuators import Chain, Drivetrain
 from ...envs.engine.scene import FLOOR
 from ...envs.hopper.robot import HOPPER, LOWER
-from ..replay.parameters import absolute
+from .pieces import Grounded
 
 MAX_SOFT_STIFFNESS = 1.5e4
 """[N/m] of a ground that the engine's step resolves; half a kilogram sinks a millimetre into it."""
@@ -34,21 +35,21 @@ NUMBERS = {"contact.friction": "floor_friction", "contact.time": "contact_time"}
 """Of these, the ones that are numbers of the robot's model."""
 
 
-@dataclass(frozen=True)
-class LegModel:
+@dataclass(frozen=True, eq=False)
+class LegModel(Grounded):
     """A hopper with its chains.
 
     Attributes:
         params: numbers of the robot, complete.
         chains: of its joints, as the diagnosis of each left them.
-        ground: values by path (:data:`GROUND`).
         hardness: stiffness of the engine's own contact times its time constant squared [N.s2/m].
         inverse_mass: of the foot, as the engine takes it for a contact [1/kg].
     """
 
+    units: ClassVar[Mapping[str, str]] = UNITS
+
     params: Mapping[str, float]
     chains: Mapping[str, Chain]
-    ground: Mapping[str, float] = field(default_factory=dict)
     hardness: float = np.inf
     inverse_mass: float = 1.0
 
@@ -60,22 +61,11 @@ class LegModel:
             SealegsError: a number that the robot does not have or cannot take.
         """
         complete = HOPPER.parameters(params)
-        leg = LegModel(complete, chains, GROUND | {path: complete[name] for path, name in NUMBERS.items()})
+        ground = GROUND | {path: complete[name] for path, name in NUMBERS.items()}
+        leg = LegModel(complete, chains, ground=ground)
         hardness, inverse_mass = _hardness(leg.drivetrain().model)
         leg = replace(leg, hardness=hardness, inverse_mass=inverse_mass)
         return leg.with_fitted({"contact.stiffness": leg.engine_stiffness()})
-
-    def value(self, path: str) -> float:
-        """A number of the ground by path."""
-        return float(self.ground[path])
-
-    def unit(self, path: str) -> str:
-        """Its unit."""
-        return UNITS[path]
-
-    def with_fitted(self, values: Mapping[str, float]) -> LegModel:
-        """The leg on another ground; factors are on this one's own values."""
-        return replace(self, ground={**self.ground, **absolute(values, self)})
 
     def drivetrain(self) -> Drivetrain:
         """The leg in the engine, on ground that may slope and give way along its normal."""
@@ -103,10 +93,6 @@ class LegModel:
             solref=solref, friction=friction, priority=1, mass=0.0,
         )  # fmt: skip
         return Drivetrain(spec, dict(self.chains), HOPPER.coordinates)
-
-    def mjcf(self) -> str:
-        """The leg on its ground, for plain MuJoCo."""
-        return self.drivetrain().spec.to_xml()
 
     def engine_stiffness(self, plain: bool = False) -> float:
         """Stiffness of the engine's own contact [N/m], which lies on top of any ground that gives way.

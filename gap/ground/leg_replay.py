@@ -7,54 +7,28 @@ joint without a spring between motor and link is driven by its commands.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from ...actuators.engine import install
 from ...actuators.gravity import GRAVITY
 from ...envs.engine.scene import FLOOR
 from ...envs.hopper.robot import HIP, KNEE
 from ..log.types import MeasuredRun
 from .leg_model import GROUND_BODY, GROUND_JOINT, LegModel
-from .many import WITHOUT_END, on_many_grounds
-from .stances import PIECE_SECONDS, Stance
+from .pieces import ENGINE_STEP, WITHOUT_END, Piece, Replayer
 
 JOINTS = (HIP, KNEE)
 
 
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """What drives the stances, at every engine step (steps, stances, 2): positions and speeds of the motors
-    [rad, rad/s], the accelerations that lead from each to the next, and goals [rad].
-    """
+class LegReplay(Replayer[LegModel]):
+    """The engine with a leg in it; ``goal`` are those of its motors at every step (steps + 1, stances, 2) [rad]."""
 
-    position: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-    goal: np.ndarray
-
-
-class LegReplay:
-    """The engine with a leg in it.
-
-    Attributes:
-        step: of the engine [s].
-        pieces: the stances.
-    """
-
-    def __init__(self, leg: LegModel, runs: Sequence[MeasuredRun], stances: Sequence[Stance], step: float) -> None:
+    def __init__(self, leg: LegModel, runs: Sequence[MeasuredRun], stances: Sequence[Piece]) -> None:
         """Build the leg; ``leg`` gives body and chains, the ground may differ from replay to replay."""
-        self.step, self.pieces = step, list(stances)
-        self._made_from = (leg, runs, stances, step)
-        self.drivetrain = leg.drivetrain()
-        model = self.drivetrain.model
-        model.opt.timestep = step
-        # friction holds a foot that does not slide; with the default it creeps by tenths of a millimetre per stance
-        model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
-        self.model = model
+        super().__init__(leg, runs, stances)
+        model = self.model
         for name in JOINTS:  # a motor so heavy that only the force which makes it follow its path can move it
             if _has_motor(model, name):
                 motor = int(model.joint(f"{name}_motor").dofadr[0])
@@ -62,20 +36,10 @@ class LegReplay:
                 model.dof_frictionloss[motor] = model.dof_damping[motor] = 0.0
         mujoco.mj_setConst(model, mujoco.MjData(model))
         self.drivetrain.set_teeth()  # they are told per inertia
-        self.steps = int(np.ceil(PIECE_SECONDS / step)) + 1
         self.follows = [model.joint(f"{name}_motor").id if _has_motor(model, name) else -1 for name in JOINTS]
-        self.drive = self._drive(runs)
-        self.time = [runs[s.run].time[s.start : s.stop] - runs[s.run].time[s.start] for s in self.pieces]
-        self._batch: Batch | None = None
-
-    def __reduce__(self) -> tuple[type[LegReplay], tuple[object, ...]]:
-        """Pickled as what it is made from: an engine cannot be."""
-        return type(self), self._made_from
-
-    def _drive(self, runs: Sequence[MeasuredRun]) -> Drive:
         shape = (self.steps + 1, len(self.pieces), len(JOINTS))
-        position, goal = np.empty(shape), np.empty(shape)
-        ticks = np.arange(self.steps + 1) * self.step
+        position, self.goal = np.empty(shape), np.empty(shape)
+        ticks = np.arange(self.steps + 1) * ENGINE_STEP
         for k, stance in enumerate(self.pieces):
             run = runs[stance.run]
             at = run.time[stance.start] + ticks
@@ -83,69 +47,39 @@ class LegReplay:
             for j, name in enumerate(JOINTS):
                 log = run.joints[name]
                 position[:, k, j] = np.interp(at, run.time, log.position)
-                goal[:, k, j] = position[:, k, j] if log.goal is None else log.goal[held]
-        # as the engine integrates: a speed first, with which it then moves
-        speed = np.concatenate([position[1:2] - position[:1], np.diff(position, axis=0)]) / self.step
-        return Drive(position, speed, np.diff(speed, axis=0) / self.step, goal)
+                self.goal[:, k, j] = position[:, k, j] if log.goal is None else log.goal[held]
+        self._follow(position)
 
-    def simulate(
-        self, legs: Sequence[LegModel], rows: Sequence[int], states: np.ndarray | None = None
-    ) -> list[np.ndarray]:
-        """Replay stances on every ground.
-
-        Args:
-            legs: differ in their ground only (v).
-            rows: numbers of the stances (s).
-            states: start of each stance, one per ground (v, s, 8); default: as measured.
-
-        Returns:
-            Per stance the judged columns at its samples (v, samples, 4).
-        """
-        return on_many_grounds(
-            self._run,
-            legs,
-            self.pieces,
-            rows=rows,
-            states=states,
-            time=self.time,
-            step=self.step,
-        )
-
-    def _run(self, legs: Sequence[LegModel], ground: np.ndarray, stance: np.ndarray, states: np.ndarray) -> np.ndarray:
-        n = len(ground)
-        if self._batch is None or self._batch.nsim < n:
-            self._batch = Batch(self.model, n, 0)
-        batch = self._batch
-        install()
-        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        self._lay_ground(batch, legs, ground)
+    def _run(self, models: Sequence[LegModel], ground: np.ndarray, piece: np.ndarray, states: np.ndarray) -> np.ndarray:
+        n, model = len(ground), self.model
+        batch = self._begun(n)
+        self._lay_ground(batch, models, ground)
         batch.set_const(np.arange(n))  # inertias follow from the ground's mass
         # which is to make no contact softer
-        batch.expand("body_invweight0")[:n, self.model.body(GROUND_BODY).id] = 0.0
+        batch.expand("body_invweight0")[:n, model.body(GROUND_BODY).id] = 0.0
         qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
-        x, z, hip, knee = (int(self.model.joint(name).qposadr[0]) for name in ("base_x", "base_z", HIP, KNEE))
+        x, z, hip, knee = (int(model.joint(name).qposadr[0]) for name in ("base_x", "base_z", HIP, KNEE))
         order = [z, x, hip, knee]  # every joint has one degree of freedom: qpos and qvel agree in order
         leg = states.copy()
         leg[:, 3] -= leg[:, 2]  # the knee joint turns relative to the upper link
         leg[:, 7] -= leg[:, 6]
         # the engine moves with the speed at the end of a step: half a step makes free fall exact
-        leg[:, 4] += 0.5 * GRAVITY * self.step
+        leg[:, 4] += 0.5 * GRAVITY * ENGINE_STEP
         qpos[:n, order], qvel[:n, order] = leg[:, :4], leg[:, 4:]
-        model = self.model
         control = np.zeros((n, self.steps, model.nu + model.nv))
         for j, name in enumerate(JOINTS):
-            control[:, :, self.drivetrain.actuator_ids[name]] = self.drive.goal[:-1, stance, j].T
+            control[:, :, self.drivetrain.actuator_ids[name]] = self.goal[:-1, piece, j].T
             if (number := self.follows[j]) >= 0:
                 motor = int(model.jnt_dofadr[number])
-                qpos[:n, motor], qvel[:n, motor] = self.drive.position[0, stance, j], self.drive.speed[0, stance, j]
-                control[:, :, model.nu + motor] = WITHOUT_END * self.drive.acceleration[:, stance, j].T
+                qpos[:n, motor], qvel[:n, motor] = self.position[0, piece, j], self.speed[0, piece, j]
+                control[:, :, model.nu + motor] = WITHOUT_END * self.acceleration[:, piece, j].T
         recorded = np.empty((self.steps + 1, n, 4))
         recorded[0] = leg[:, :4]
         spec = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         path = batch.rollout(self.steps, control, spec, ("qpos",), np.arange(n))["qpos"]
         recorded[1:] = path[:, :, order].transpose(1, 0, 2)
         recorded[:, :, 3] += recorded[:, :, 2]
-        return np.clip(np.nan_to_num(recorded, nan=1e3), -1e3, 1e3)
+        return recorded
 
     def _lay_ground(self, batch: Batch, legs: Sequence[LegModel], ground: np.ndarray) -> None:
         n, floor, body = len(ground), self.model.geom(FLOOR).id, self.model.body(GROUND_BODY).id

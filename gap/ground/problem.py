@@ -9,54 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ..log.parts import ENOUGH_RUNS, TEST, Unit, held_out
 from ..log.types import MeasuredRun
 from ..replay.comparison import robust_loss
-from ..replay.problem import CALIBRATION, Nominal, Problem
-from .stances import Stance
+from ..replay.problem import CALIBRATION, Problem
+from .pieces import ENGINE_STEP, Grounded, Piece, Replayer
 
 RIGHT_MODEL_LOSS = 0.8
 """Squared error over that of the noise that a right model reaches: the noise is known with a margin."""
 CONTACT_ERROR = 0.1  # relative, of friction, stiffness and damping: assumed, about what an independent leg showed
-
-
-class Grounded(Nominal, Protocol):
-    """A robot with its chains, on a ground whose numbers vary."""
-
-    def with_fitted(self, values: Mapping[str, float], /) -> Self:
-        """The robot on another ground; factors are on this one's own values."""
-        ...
-
-    def mjcf(self) -> str:
-        """The robot on its ground, for plain MuJoCo."""
-        ...
-
-
-class Replayer(Protocol):
-    """The engine with a robot and pieces of its log in it."""
-
-    @property
-    def step(self) -> float:
-        """Of the engine [s]."""
-        ...
-
-    @property
-    def pieces(self) -> Sequence[Stance]:
-        """Of the log, in the order of their numbers."""
-        ...
-
-    def simulate(
-        self, models: Sequence[Any], rows: Sequence[int], states: np.ndarray | None = None, /
-    ) -> list[np.ndarray]:
-        """Replay pieces by number on every ground: per piece its judged columns (v, samples, c).
-
-        ``states`` are the starts of each piece, one per ground (v, s, k); default: as measured.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -101,7 +66,7 @@ class GroundProblem(Problem):
 
     columns: Judged
     models: tuple[Grounded, ...]
-    replayer: Replayer
+    replayer: Replayer[Any]
     rows: tuple[int, ...]
     whitening: tuple[np.ndarray, ...]
     correction: tuple[np.ndarray, ...]
@@ -201,7 +166,7 @@ class GroundProblem(Problem):
 def ground_problem(
     runs: Sequence[MeasuredRun],
     model: Grounded,
-    replayer: Replayer,
+    replayer: Replayer[Any],
     columns: Judged,
     values: Sequence[np.ndarray],
     test_group: str | None = None,
@@ -246,7 +211,7 @@ def ground_problem(
         weight=weight,
         judged=judged,
         models=(model,),
-        step=replayer.step,
+        step=ENGINE_STEP,
         replayer=replayer,
         rows=rows,
         whitening=whitening,
@@ -254,7 +219,7 @@ def ground_problem(
     )
 
 
-def _dealt(stances: Sequence[Stance], held: frozenset[int]) -> list[int]:
+def _dealt(stances: Sequence[Piece], held: frozenset[int]) -> list[int]:
     """The part of each stance: test for those of the runs held out, the others in turn or by runs."""
     others = [k for k, stance in enumerate(stances) if stance.run not in held]
     used = sorted({stances[k].run for k in others})
@@ -267,7 +232,7 @@ def _dealt(stances: Sequence[Stance], held: frozenset[int]) -> list[int]:
 
 
 def _weigh(
-    replayer: Replayer,
+    replayer: Replayer[Any],
     robot: Grounded,
     rows: Sequence[int],
     weight: np.ndarray,

@@ -3,50 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...actuators.gravity import GRAVITY
-from ..checks.signal import derivatives, sample_noise
+from ..checks.signal import derivatives
 from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
 from .leg_model import LegModel
+from .pieces import PIECE_SECONDS, UNKNOWN_SPEED, Piece, polynomial, sample_error, thinned
 
 COLUMNS = ("base.z", "base.x", "hip.link_position", "knee.link_position")
 """What is judged, the height of the hip first."""
 UNITS = ("m", "m", "rad", "rad")
 FLIGHT_SECONDS = 2.0 * SPEED_REACH  # [s] from the start of a piece to its touchdown: its state is read in flight
-PIECE_SECONDS = 0.3  # [s]
 LINK_FIT = 0.013  # [s] to both sides of the start, from which the state of a joint is fitted: it moves fast
 MIN_FLIGHT_SECONDS = 0.08  # [s] shortest flight after which a stance counts
 FREE_FALL = 0.6  # of gravity: downward acceleration of the centre of mass from which the leg counts as flying
-NOISE_HALF = 3  # samples to either side: a leg moves fast
-START_SPREAD_FACTOR = 1.5  # standard deviations of a start state, over those of the parabola: it is no parabola exactly
-UNKNOWN_SPEED = 0.5  # [m/s] standard deviation of a speed that no column tells
 UNJUDGED_SECONDS = LINK_FIT  # [s] of a piece that is not judged: the start state was fitted to it
 MODEL_ERRORS = (1.5e-4, 2e-4, 1e-3, 1e-3)
 """What two right models of hard contact differ by over a stance, in the judged columns [m, m, rad, rad]: assumed, from
 replays of an independent leg on rigid ground. Errors this small say nothing about the ground."""
 MAX_STANCES = 48  # stances of a data set; more cost time and teach little
-
-
-@dataclass(frozen=True, eq=False)
-class Stance:
-    """One piece of a run.
-
-    Attributes:
-        run: index of its run.
-        start, stop: samples.
-        state: height, x, hip and knee angle, then their speeds, at the first sample (8,).
-        spread: standard deviations of it (8,).
-    """
-
-    run: int
-    start: int
-    stop: int
-    state: np.ndarray
-    spread: np.ndarray
 
 
 def columns(run: MeasuredRun) -> np.ndarray:
@@ -68,14 +46,6 @@ def column_noise(runs: Sequence[MeasuredRun]) -> np.ndarray:
     return np.median(np.array(rows), axis=0)
 
 
-def sample_error(time: np.ndarray, values: np.ndarray) -> float:
-    """Rms error of a sample of a column (n,); NaN where it was not logged."""
-    good = np.isfinite(values)
-    if good.sum() < 20:
-        return np.nan
-    return sample_noise(time[good], values[good], half=NOISE_HALF, jumps=True)  # impacts are no noise
-
-
 def touchdowns(run: MeasuredRun, leg: LegModel) -> np.ndarray:
     """Times at which a flight ends [s], from the acceleration of the centre of mass."""
     values = columns(run)
@@ -89,7 +59,7 @@ def touchdowns(run: MeasuredRun, leg: LegModel) -> np.ndarray:
     return run.time[down[long]]
 
 
-def find_stances(runs: Sequence[MeasuredRun], leg: LegModel, noise: np.ndarray) -> list[Stance]:
+def find_stances(runs: Sequence[MeasuredRun], leg: LegModel, noise: np.ndarray) -> list[Piece]:
     """The stances of all runs, thinned evenly to :data:`MAX_STANCES`."""
     found = []
     for k, run in enumerate(runs):
@@ -104,16 +74,9 @@ def find_stances(runs: Sequence[MeasuredRun], leg: LegModel, noise: np.ndarray) 
     return thinned(found, MAX_STANCES)
 
 
-def thinned(pieces: list[Stance], most: int) -> list[Stance]:
-    """So many pieces at most, evenly spread over all of them."""
-    if len(pieces) <= most:
-        return pieces
-    return [pieces[i] for i in np.linspace(0, len(pieces) - 1, most).round().astype(int)]
-
-
 def _stance(
     run: MeasuredRun, leg: LegModel, values: np.ndarray, k: int, start: int, stop: int, noise: np.ndarray
-) -> Stance | None:
+) -> Piece | None:
     """A piece with its start state: links from parabolas, the base from a centre of mass that falls freely."""
     state, spread = np.zeros(8), np.zeros(8)
     time = run.time - run.time[start]
@@ -137,10 +100,4 @@ def _stance(
         (height, rise), (own, moving) = polynomial(time[near], centre, 1, noise[c])
         state[c], state[c + 4] = height - over[c, start], rise - float(slope[c] @ state[6:8])
         spread[c], spread[c + 4] = own, float(np.hypot(moving, np.linalg.norm(slope[c] * spread[6:8])))
-    return Stance(k, start, stop, state, spread)
-
-
-def polynomial(t: np.ndarray, x: np.ndarray, order: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Value and slope at zero of a polynomial through samples, and their standard deviations."""
-    inverse = np.linalg.pinv(np.stack([t**power for power in range(order + 1)], axis=1))
-    return (inverse @ x)[:2], START_SPREAD_FACTOR * noise * np.linalg.norm(inverse[:2], axis=1)
+    return Piece(k, start, stop, state, spread)

@@ -20,11 +20,9 @@ from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
-from .causes import CONTACT_TIME_FACTOR, ground_causes
-from .laid import MIN_PIECES, Laid, too_few
-from .many import ENGINE_STEP
+from .laid import CONTACT_TIME_FACTOR, MIN_PIECES, Laid, ground_causes, too_few
+from .pieces import ENGINE_STEP, PIECE_SECONDS
 from .problem import ground_problem
-from .stances import PIECE_SECONDS
 from .tree_model import TreeModel, base_joints, base_layout
 from .tree_pieces import BaseColumns, find_pieces
 from .tree_replay import TreeReplay

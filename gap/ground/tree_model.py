@@ -7,7 +7,8 @@ ratio. MuJoCo's documentation, "Computation", on the parameters of constraints, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -17,7 +18,7 @@ from ...actuators.mounting import ENGINE_DEFAULTS
 from ...common.errors import SealegsError
 from ...envs.engine.base import BaseLayout
 from ...envs.engine.robot import Robot
-from ..replay.parameters import absolute
+from .pieces import Grounded
 
 BASE = "base"  # a free joint that has no name
 GROUND_BODY, FLOOR = "ground", "floor"
@@ -75,7 +76,7 @@ class Contact:
 
 
 @dataclass(frozen=True, eq=False)
-class TreeModel:
+class TreeModel(Grounded):
     """A robot with its chains, on a ground.
 
     Attributes:
@@ -84,15 +85,15 @@ class TreeModel:
         chains: of its coordinates, as the diagnosis of each left them.
         contact: of feet and floor as the model file has it.
         pivot: where the ground's height is told and its slopes turn it (2,) [m].
-        ground: values by path (:data:`UNITS`).
     """
+
+    units: ClassVar[Mapping[str, str]] = UNITS
 
     robot: Robot
     params: Mapping[str, float]
     chains: Mapping[str, Chain]
     contact: Contact
     pivot: tuple[float, float]
-    ground: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
     def of(
@@ -114,19 +115,7 @@ class TreeModel:
             "contact.slope_y": 0.0,
             "contact.height": 0.0,
         }
-        return TreeModel(robot, complete, chains, contact, pivot, ground)
-
-    def value(self, path: str) -> float:
-        """A number of the ground by path."""
-        return float(self.ground[path])
-
-    def unit(self, path: str) -> str:
-        """Its unit."""
-        return UNITS[path]
-
-    def with_fitted(self, values: Mapping[str, float]) -> TreeModel:
-        """The robot on another ground; factors are on this one's own values."""
-        return replace(self, ground={**self.ground, **absolute(values, self)})
+        return TreeModel(robot, complete, chains, contact, pivot, ground=ground)
 
     def drivetrain(self) -> Drivetrain:
         """The robot in the engine, on its ground."""
@@ -154,10 +143,6 @@ class TreeModel:
         turned = np.zeros(4)
         mujoco.mju_mulQuat(turned, about_x, about_y)
         return np.array([*self.pivot, self.value("contact.height")]), turned
-
-    def mjcf(self) -> str:
-        """The robot on its ground, for plain MuJoCo."""
-        return self.drivetrain().spec.to_xml()
 
 
 def ground_of(model: mujoco.MjModel) -> tuple[int, int]:
@@ -251,15 +236,20 @@ def _contact(model: mujoco.MjModel) -> Contact:
     return Contact(friction, time, ratio, np.array(solimp), inverse_mass, max(condim, 3))
 
 
-def _feet(model: mujoco.MjModel, floor: int) -> list[int]:
-    """Geoms that can touch the floor, at the ends of the robot where there are such."""
+def touching(model: mujoco.MjModel, floor: int) -> list[int]:
+    """Geoms of moving bodies that can touch a floor."""
     kind, affinity = int(model.geom_contype[floor]), int(model.geom_conaffinity[floor])
-    can = [
+    return [
         k
         for k in range(model.ngeom)
         if int(model.body_weldid[model.geom_bodyid[k]]) > 0
         and (kind & int(model.geom_conaffinity[k]) or affinity & int(model.geom_contype[k]))
     ]
+
+
+def _feet(model: mujoco.MjModel, floor: int) -> list[int]:
+    """Geoms that can touch the floor, at the ends of the robot where there are such."""
+    can = touching(model, floor)
     parents = {int(model.body_parentid[body]) for body in range(1, model.nbody)}
     ends = [k for k in can if int(model.geom_bodyid[k]) not in parents]
     return ends or can

@@ -12,8 +12,8 @@ from ...envs.engine.base import BaseLayout
 from ..checks.signal import derivatives
 from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
+from .pieces import PIECE_SECONDS, UNKNOWN_SPEED, Piece, polynomial, sample_error, thinned
 from .problem import Judged
-from .stances import PIECE_SECONDS, UNKNOWN_SPEED, Stance, polynomial, sample_error, thinned
 
 ALONG = ("x", "y", "yaw")  # of the ground: where on it a robot is does not matter
 FIT_SAMPLES = 3.5  # to both sides of a start, at least, from which its state is fitted
@@ -78,7 +78,7 @@ class BaseColumns:
         )
 
 
-def find_pieces(runs: Sequence[MeasuredRun], columns: BaseColumns, judged: Judged) -> list[Stance]:
+def find_pieces(runs: Sequence[MeasuredRun], columns: BaseColumns, judged: Judged) -> list[Piece]:
     """Pieces one behind the other, thinned evenly to :data:`MAX_PIECES`."""
     found = []
     for k, run in enumerate(runs):
@@ -107,7 +107,7 @@ def _roughness(run: MeasuredRun, columns: BaseColumns, values: np.ndarray, judge
 
 def _piece(
     run: MeasuredRun, columns: BaseColumns, values: np.ndarray, k: int, start: int, stop: int, judged: Judged
-) -> Stance | None:
+) -> Piece | None:
     """A piece with its start state: parabolas through what was logged; what was not is at zero, its speed unknown."""
     size = len(columns.names)
     state, spread = np.zeros(2 * size), np.zeros(2 * size)
@@ -122,7 +122,7 @@ def _piece(
             return None
         state[[c, c + size]], own = polynomial(time[near], values[near, c], 2, float(judged.noise[c]))
         spread[[c, c + size]] = np.hypot(own, [START_SPREADS[columns.units[c]], START_SPREADS[columns.units[c]] / half])
-    return Stance(k, start, stop, state, spread)
+    return Piece(k, start, stop, state, spread)
 
 
 def _column(run: MeasuredRun, name: str) -> np.ndarray | None:

@@ -10,79 +10,55 @@ from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from scipy.interpolate import CubicHermiteSpline
 
-from ...actuators.engine import install
 from ..checks.signal import derivatives
 from ..load.robot import Frame
 from ..log.parts import SPEED_REACH
 from ..log.types import MeasuredRun
-from .many import ENGINE_STEP, WITHOUT_END, on_many_grounds
-from .stances import PIECE_SECONDS, Stance
+from .pieces import ENGINE_STEP, WITHOUT_END, Piece, Replayer, made_heavy
 from .tree_model import TreeModel, ground_of
 from .tree_pieces import BaseColumns
 
 MAX_LOOP_STEPS, LOOP_TOLERANCE = 20, 1e-10  # steps in which passive joints close a robot's loops, and how well
 
 
-class TreeReplay:
+class TreeReplay(Replayer[TreeModel]):
     """The engine with a robot in it.
 
     Attributes:
-        step: of the engine [s].
-        pieces: of the log.
+        joints: that follow, in the order of ``position``.
+        links: behind their springs.
+        rest: positions and speeds at the start of each piece (pieces, nq + nv).
     """
 
     def __init__(
         self,
         robot: TreeModel,
         runs: Sequence[MeasuredRun],
-        pieces: Sequence[Stance],
+        pieces: Sequence[Piece],
         columns: BaseColumns,
         frames: Mapping[str, Frame],
     ) -> None:
         """Build the robot; its ground may differ from replay to replay."""
-        self.step, self.pieces, self._columns = ENGINE_STEP, list(pieces), columns
-        self._made_from = (robot, runs, pieces, columns, frames)
-        self.drivetrain = robot.drivetrain()
-        model = self.model = self.drivetrain.model
-        model.opt.timestep, model.opt.integrator = ENGINE_STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        # friction holds a foot that does not slide; with the default it creeps
-        model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, 10.0)
-        self.names = [item.name for item in self.drivetrain.coordinates]
-        self.joints, self._motors = shares([self.drivetrain.terms(name) for name in self.names])
-        self.links, self._links = shares([self.drivetrain.terms(name, "link") for name in self.names])
-        for name in self.joints:
-            number = model.joint(name).id
-            dof = int(model.jnt_dofadr[number])
-            model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof] = WITHOUT_END, 0.0, 0.0
-            model.jnt_range[number], model.jnt_stiffness[number] = (-WITHOUT_END, WITHOUT_END), 0.0
-        self.steps = int(np.ceil(PIECE_SECONDS / ENGINE_STEP)) + 1
-        self.time = [runs[p.run].time[p.start : p.stop] - runs[p.run].time[p.start] for p in self.pieces]
-        self._follow(runs, frames)
-        self.rest = np.stack([self._closed(k) for k in range(len(self.pieces))])
-        self._batch: Batch | None = None
-
-    def __reduce__(self) -> tuple[type[TreeReplay], tuple[object, ...]]:
-        """Pickled as what it is made from: an engine cannot be."""
-        return type(self), self._made_from
-
-    def _follow(self, runs: Sequence[MeasuredRun], frames: Mapping[str, Frame]) -> None:
-        """Where every driven joint is at each engine step of each piece, and how it speeds up."""
+        super().__init__(robot, runs, pieces, columns, frames)
+        self._columns = columns
+        self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        names = [item.name for item in self.drivetrain.coordinates]
+        self.joints, motors = shares([self.drivetrain.terms(name) for name in names])
+        self.links, links = shares([self.drivetrain.terms(name, "link") for name in names])
+        made_heavy(self.model, self.joints)
         ticks = np.arange(self.steps + 1) * ENGINE_STEP
-        paths = [[self._path(run, name, frames) for name in self.names] for run in runs]
-        angles = np.empty((self.steps + 1, len(self.pieces), len(self.names)))
+        paths = [[self._path(run, name, frames) for name in names] for run in runs]
+        angles = np.empty((self.steps + 1, len(self.pieces), len(names)))
         for k, piece in enumerate(self.pieces):
             at = runs[piece.run].time[piece.start] + ticks
             for row, path in enumerate(paths[piece.run]):
                 angles[:, k, row] = path(np.minimum(at, path.x[-1]))
-        self.position, self._begin = angles @ self._motors.T, angles[:2] @ self._links.T
-        # as the engine integrates: a speed first, with which it then moves
-        moved = np.diff(self.position, axis=0)
-        self.speed = np.concatenate([moved[:1], moved]) / ENGINE_STEP
-        self.acceleration = np.diff(self.speed, axis=0) / ENGINE_STEP
+        self._begin = angles[:2] @ links.T
+        self._follow(angles @ motors.T)
+        self.rest = np.stack([self._closed(k) for k in range(len(self.pieces))])
 
     def _path(self, run: MeasuredRun, name: str, frames: Mapping[str, Frame]) -> CubicHermiteSpline:
         """A smooth path through the readings of a coordinate, in the frame of the model."""
@@ -130,38 +106,11 @@ class TreeReplay:
         mujoco.mju_sparse2dense(dense, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
         return dense
 
-    def simulate(
-        self, models: Sequence[TreeModel], rows: Sequence[int], states: np.ndarray | None = None
-    ) -> list[np.ndarray]:
-        """Replay pieces on every ground.
-
-        Args:
-            models: differ in their ground only (v).
-            rows: numbers of the pieces (s).
-            states: start of each piece, one per ground (v, s, 2 k); default: as measured.
-
-        Returns:
-            Per piece the quantities of the base at its samples (v, samples, k).
-        """
-        return on_many_grounds(
-            self._run,
-            models,
-            self.pieces,
-            rows=rows,
-            states=states,
-            time=self.time,
-            step=self.step,
-        )
-
     def _run(
         self, models: Sequence[TreeModel], ground: np.ndarray, piece: np.ndarray, states: np.ndarray
     ) -> np.ndarray:
         n, model, layout = len(ground), self.model, self._columns.layout
-        if self._batch is None or self._batch.nsim < n:
-            self._batch = Batch(model, n, 0)
-        batch = self._batch
-        install()
-        batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        batch = self._begun(n)
         floor, body = ground_of(model)
         batch.expand("geom_friction")[:n, floor, 0] = np.array([m.value("contact.friction") for m in models])[ground]
         batch.expand("geom_solref")[:n, floor] = np.array([m.solref() for m in models])[ground]
@@ -185,7 +134,7 @@ class TreeReplay:
         recorded[1:] = layout.quantities(path).transpose(1, 0, 2)
         turning = [c for c, unit in enumerate(layout.units.values()) if unit == "rad"]
         recorded[..., turning] = np.unwrap(recorded[..., turning], axis=0)
-        return np.clip(np.nan_to_num(recorded, nan=1e3), -1e3, 1e3)
+        return recorded
 
 
 def shares(rows: Sequence[tuple[tuple[str, float], ...]]) -> tuple[list[str], np.ndarray]:

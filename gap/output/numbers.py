@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import NamedTuple
 
 from ..measure.named import Value
 
@@ -48,9 +49,25 @@ def rounded(value: Value) -> tuple[str, str, str]:
     return _fixed(value.value, places), _fixed(value.low, places), _fixed(value.high, places)
 
 
-def unit_of(value: Value) -> str:
-    """Its unit; empty for a number without one."""
-    return "" if value.unit in ("1", "-") else value.unit
+class ToldValue(NamedTuple):
+    """A value as text: rounded, with its interval (empty where that has no width), unit, and what the model had."""
+
+    value: str
+    interval: str
+    unit: str
+    nominal: str
+
+    @property
+    def size(self) -> str:
+        """With its unit."""
+        return f"{self.value} {self.unit}".rstrip()
+
+
+def told_value(value: Value) -> ToldValue:
+    """A value for people; without a unit for a number that has none."""
+    found, low, high = rounded(value)
+    interval = f"{low} to {high}" if value.low < value.high else ""
+    return ToldValue(found, interval, "" if value.unit in ("1", "-") else value.unit, number(value.nominal))
 
 
 def glued(text: str) -> str:

@@ -20,7 +20,7 @@ from ..verdict.words import size
 from .document import sentences_of
 from .layout import LAYOUT
 from .next_step import next_step
-from .numbers import GLUE, glued, number, percent, rounded, sureness, unit_of
+from .numbers import GLUE, glued, number, percent, sureness, told_value
 
 MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of its own from there
 
@@ -157,11 +157,9 @@ def _share(share: float) -> str:
 
 def _parameter(path: str, value: Value, width: int) -> Iterable[str]:
     """``delay.seconds = 0.0225 s (0.0224 to 0.0226, model 0)``; broken between the value and its interval only."""
-    found, low, high = rounded(value)
-    unit = unit_of(value)
-    size = f"{path} = {found} {unit}".rstrip()
-    interval = f"{low} to {high}, " if value.low < value.high else ""
-    parts = [part.replace(" ", GLUE) for part in (size, f"({interval}model {number(value.nominal)})")]
+    told = told_value(value)
+    interval = f"{told.interval}, " if told.interval else ""
+    parts = [part.replace(" ", GLUE) for part in (f"{path} = {told.size}", f"({interval}model {told.nominal})")]
     yield from _wrapped(" ".join(parts), width, 4)
 
 

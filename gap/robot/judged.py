@@ -14,8 +14,7 @@ from ..prepare.request import Request
 from ..search.latency import DELAY, NUMBER
 from ..search.structure import listed, told_in
 from ..verdict.decide import decide
-from ..verdict.evidence import Replayed
-from ..verdict.verdict import JointDiagnosis, Reason
+from ..verdict.verdict import JointDiagnosis, Reason, Replayed
 from .encoders import ENCODERS, in_light
 from .joints import Again, joints_of
 from .search import ROBOT, SharedFound, affected, search_shared

@@ -24,8 +24,7 @@ from ..search.forward import NUMERICAL
 from ..search.latency import AGREEING, DELAY, NUMBER, ROOM, Latency, agreeing, latency_of, mean_of
 from ..search.look import Look, look
 from ..search.structure import fine, listed
-from ..verdict.evidence import Refused
-from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Verdict
+from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Refused, Verdict
 from ..verdict.words import certainty, subject
 from .search import ROBOT
 

@@ -31,7 +31,6 @@ from ..measure.unseen import first
 from ..replay.problem import OF_A_ROBOT, JointProblem, diverged
 from ..search.settings import DEFAULT
 from ..search.structure import listed
-from .evidence import Evidence, Refused, Replayed
 from .verdict import (
     BESIDE,
     EXPLAINED,
@@ -40,8 +39,11 @@ from .verdict import (
     PARTLY,
     UNUSABLE,
     WORST_FIRST,
+    Evidence,
     JointDiagnosis,
     Reason,
+    Refused,
+    Replayed,
     Verdict,
 )
 from .words import (

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
-
-import numpy as np
+from typing import Any, Generic, TypeVar
 
 from ..experiment import DetectionLimit, Experiment
 from ..log.finding import Finding, Severity
 from ..measure.case import Case
 from ..measure.measured import Measured
-from ..measure.named import Error, NamedCause, OpenCause, Value
+from ..measure.named import NamedCause, Value
 from ..replay.problem import Problem
 from ..search.result import Search
 from ..search.structure import Structure
@@ -81,12 +79,25 @@ class Verdict:
 NOTHING_MEASURED = Measured()
 
 
+T = TypeVar("T")
+
+
+class Of(Generic[T]):
+    """An attribute of a part of a diagnosis, as the diagnosis' own; the part tells what it is."""
+
+    def __init__(self, read: Callable[[JointDiagnosis], T]) -> None:
+        self._read = read
+
+    def __get__(self, found: JointDiagnosis, kind: type | None = None) -> T:
+        return self._read(found)
+
+
 @dataclass(frozen=True, eq=False)
 class JointDiagnosis:
     """What was found about one joint: its case, what was sought and measured, and what is said of it.
 
-    What its parts have is its own, too: ``joint``, ``signal`` and ``findings`` of the case, ``gap``, ``causes`` and
-    ``values`` of what was measured, ``verdict``, ``sentence`` and ``reasons`` of what is said.
+    What its parts have is its own, too: ``joint``, ``signal``, ``unit``, ``findings`` and ``frames`` of the case,
+    ``verdict`` (its name), ``sentence`` and ``reasons`` of what is said, all others of what was measured.
 
     Attributes:
         case: what is known of the joint, whatever is found of it.
@@ -126,30 +137,26 @@ class JointDiagnosis:
             parts[key] = replace(part, **{name: attributes.pop(name) for name in names})
         return replace(self, **parts, **attributes)
 
-    @property
-    def joint(self) -> str:
-        """Name of the joint, or ``ground``, or that of the whole robot."""
-        return self.case.joint
-
-    @property
-    def signal(self) -> str:
-        """That is judged, as ``servo.position``."""
-        return self.case.signal
-
-    @property
-    def unit(self) -> str:
-        """Of the signal."""
-        return self.case.unit
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings about the log of the joint, and about its search."""
-        return self.case.findings
-
-    @property
-    def frames(self) -> Mapping[str, Any] | None:
-        """Of a robot's joints, as given by the sidecar or taken, in the form of its ``meta.frames``."""
-        return self.case.frames
+    joint = Of(lambda found: found.case.joint)
+    signal = Of(lambda found: found.case.signal)
+    unit = Of(lambda found: found.case.unit)
+    findings = Of(lambda found: found.case.findings)
+    frames = Of(lambda found: found.case.frames)
+    verdict = Of(lambda found: found.said.name)
+    sentence = Of(lambda found: found.said.sentence)
+    reasons = Of(lambda found: found.said.reasons)
+    gap = Of(lambda found: found.measured.gap)
+    causes = Of(lambda found: found.measured.causes)
+    open_causes = Of(lambda found: found.measured.open_causes)
+    unexplained = Of(lambda found: found.measured.unexplained)
+    tuned_share = Of(lambda found: found.measured.tuned_share)
+    shared_shares = Of(lambda found: found.measured.shared_shares)
+    shared = Of(lambda found: found.measured.shared)
+    values = Of(lambda found: found.measured.values)
+    tuned = Of(lambda found: found.measured.tuned)
+    simulated = Of(lambda found: found.measured.simulated)
+    structure = Of(lambda found: found.measured.structure)
+    model = Of(lambda found: found.measured.model)
 
     @property
     def problem(self) -> Problem | None:
@@ -157,84 +164,9 @@ class JointDiagnosis:
         return None if self.case.replay is None else self.case.replay.problem
 
     @property
-    def verdict(self) -> str:
-        """One of the five verdicts."""
-        return self.said.name
-
-    @property
-    def sentence(self) -> str:
-        """What, how much and how sure."""
-        return self.said.sentence
-
-    @property
-    def reasons(self) -> tuple[Reason, ...]:
-        """The numbers behind it, the most important first."""
-        return self.said.reasons
-
-    @property
-    def gap(self) -> Mapping[str, Error]:
-        """Error of each model on the test part."""
-        return self.measured.gap
-
-    @property
-    def causes(self) -> tuple[NamedCause, ...]:
-        """That are named, largest share first."""
-        return self.measured.causes
-
-    @property
-    def open_causes(self) -> tuple[OpenCause, ...]:
-        """That are not named: withdrawn ones, and near misses with what they lack."""
-        return self.measured.open_causes
-
-    @property
-    def unexplained(self) -> float:
-        """Share of the nominal model's mean squared error beyond the noise that stays."""
-        return self.measured.unexplained
-
-    @property
-    def tuned_share(self) -> float:
-        """Share of it that the final model owes to its tuned numbers."""
-        return self.measured.tuned_share
-
-    @property
     def shared_share(self) -> float:
-        """Share of it that the final model owes to what all joints share."""
-        return sum(self.measured.shared_shares.values())
-
-    @property
-    def shared_shares(self) -> Mapping[str, float]:
-        """The same by cause."""
-        return self.measured.shared_shares
-
-    @property
-    def shared(self) -> Mapping[str, str]:
-        """Causes of all joints, by the number of this joint's chain that each of them changes."""
-        return self.measured.shared
-
-    @property
-    def values(self) -> Mapping[str, float]:
-        """Of all parameters of the extended model, by path; a ``*`` marks a factor."""
-        return self.measured.values
-
-    @property
-    def tuned(self) -> Mapping[str, float]:
-        """Numbers of the nominal model that moved, as factors."""
-        return self.measured.tuned
-
-    @property
-    def simulated(self) -> Mapping[str, np.ndarray]:
-        """Channels of the models over the whole problem, by model name (n, 4)."""
-        return self.measured.simulated
-
-    @property
-    def structure(self) -> Structure | None:
-        """What is left of the error that is not noise."""
-        return self.measured.structure
-
-    @property
-    def model(self) -> str:
-        """Which model is handed over as the extended one: ``extended``, ``refitted`` or ``nominal``."""
-        return self.measured.model
+        """Share of the gap that the final model owes to what all joints share."""
+        return sum(self.shared_shares.values())
 
     @property
     def rivals(self) -> tuple[dict[str, Any], ...]:
@@ -278,3 +210,69 @@ def data_errors(findings: Sequence[Finding], joint: str) -> tuple[DataError, ...
             )
         errors.append(DataError(f.cause or f.code, f.code, f.sentence, f.severity, joint, f.column, values))
     return tuple(errors)
+
+
+# --- what a verdict is decided on -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """Evidence of a replay and a search.
+
+    Attributes:
+        case: the joint.
+        measured: errors, causes, and what is left.
+        data_errors: faults of the log.
+        beyond: the test part goes further than what was fitted, and errs there.
+        blind_to: causes that the motion would hardly show; asked only where nothing was found.
+        limits: up to where each cause would not show; asked only where nothing was found.
+        factors: by which the tuned numbers differ from the nominal ones, by number, the most telling first.
+    """
+
+    case: Case
+    measured: Measured
+    data_errors: Sequence[DataError] = ()
+    beyond: Finding | None = None
+    blind_to: Sequence[str] = ()
+    limits: Sequence[DetectionLimit] = ()
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def joint(self) -> str:
+        """Its name."""
+        return self.case.joint
+
+    @property
+    def causes(self) -> Sequence[NamedCause]:
+        """That the search named, largest share first, with confidence and rivals."""
+        return self.measured.causes
+
+    @property
+    def structure(self) -> Structure:
+        """What is left that is not noise."""
+        assert self.measured.structure is not None
+        return self.measured.structure
+
+    @property
+    def fault_in_replay(self) -> bool:
+        """Whether a fault of the log is in a column that the replay takes or is judged by."""
+        columns = (f"{self.joint}.goal", f"{self.joint}.position")
+        return self.case.unit == "rad" and any(error.column in columns for error in self.data_errors)
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why a log or a joint cannot be judged.
+
+    Attributes:
+        subject: in a sentence: ``'knee'``, ``the ground``.
+        reason: a sentence or more.
+        usable: whether the log as such is sound, and only what is asked of it is missing.
+    """
+
+    subject: str
+    reason: str
+    usable: bool = False
+
+
+Evidence = Replayed | Refused

@@ -9,8 +9,7 @@ from ..measure.confidence import Thresholds
 from ..measure.named import CERTAIN, LIKELY, NamedCause, OpenCause
 from ..search.settings import DEFAULT, SearchSettings
 from ..search.structure import fine, listed, told_in
-from .evidence import Replayed
-from .verdict import Reason
+from .verdict import Reason, Replayed
 
 TOLD_SHARE = 0.2
 """Share of the gap, or of what causes explain of it, from which what is only possible or unexplained is told."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,6 @@ class Timeline:
         measured: what was logged.
         models: simulated signal by model name, as far as there is one.
         tested: spans of the test part in ``x``.
-        runs: where each run starts in ``x``; empty where they have no names.
         quantity, unit: of the signal.
     """
 
@@ -32,7 +31,6 @@ class Timeline:
     measured: np.ndarray
     models: dict[str, np.ndarray]
     tested: list[tuple[float, float]]
-    runs: list[float]
     quantity: str
     unit: str
 
@@ -51,38 +49,17 @@ class Timeline:
             if len(good):
                 keep += [a + good[k] for k in (part[good].argmin(), part[good].argmax(), wrong[good].argmax(), -1)]
         at = np.unique(keep)
-        return Timeline(
-            self.x[at],
-            goal=None if self.goal is None else self.goal[at],
-            measured=self.measured[at],
-            models={name: values[at] for name, values in self.models.items()},
-            tested=self.tested,
-            runs=self.runs,
-            quantity=self.quantity,
-            unit=self.unit,
-        )
+        goal = None if self.goal is None else self.goal[at]
+        models = {name: values[at] for name, values in self.models.items()}
+        return replace(self, x=self.x[at], goal=goal, measured=self.measured[at], models=models)
 
 
 def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
     """Signals of a diagnosis over time; None where nothing was replayed."""
-    quantity = diagnosis.signal.rpartition(".")[2]
-    simulated = diagnosis.simulated
-    if diagnosis.problem is None:
-        if "time" not in simulated or "measured" not in simulated:
-            return None
-        models = {name: simulated[name] for name in MODELS if name in simulated}
-        return Timeline(
-            simulated["time"],
-            goal=None,
-            measured=simulated["measured"],
-            models=models,
-            tested=[],
-            runs=[],
-            quantity=quantity,
-            unit=diagnosis.unit,
-        )
-    problem = diagnosis.problem
-    rows, x, tested, runs = [], [], [], []
+    problem, simulated = diagnosis.problem, diagnosis.simulated
+    if problem is None:
+        return None
+    rows, x, tested = [], [], []
     offset, end, last = 0.0, 0.0, -1
     for k, unit in enumerate(problem.units):
         at = np.arange(problem.starts[k], problem.starts[k + 1])
@@ -91,7 +68,6 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
             continue
         if unit.run != last:
             offset = end + (LAYOUT.pause if last >= 0 else 0.0) - problem.time[at[0]]
-            runs.append(offset + problem.time[at[0]])
             last = unit.run
         time = offset + problem.time[at]
         end = float(time[-1])
@@ -108,16 +84,8 @@ def timeline(diagnosis: JointDiagnosis) -> Timeline | None:
     measured = cut(problem.measured[:, 0])
     joint = problem.joint if problem.signal[0] == "position" else None
     goal = None if joint is None or joint.models[0].command != "goal" else cut(joint.goal)  # no position
-    return Timeline(
-        np.concatenate(x),
-        goal=goal,
-        measured=measured,
-        models=models,
-        tested=tested,
-        runs=runs,
-        quantity=quantity,
-        unit=diagnosis.unit,
-    )
+    quantity = diagnosis.signal.rpartition(".")[2]
+    return Timeline(np.concatenate(x), goal, measured, models, tested, quantity, diagnosis.unit)
 
 
 def worst_window(line: Timeline, width: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Errors planted in the logs of a bench that hides nothing: named, and no physics beside them."""
+"""Errors planted in the logs of a bench that hides nothing: named, mended in all runs, and no physics beside them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import make_smoothing_spline
 from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.checks.drive import released
 from sealegs.gap.checks.faults import FAULTS, Fault
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
+from sealegs.gap.prepare.checking import check_log
 from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING
 
 from testbed import hidden_bench
-from tests.changed_logs import signal, with_log
+from tests.changed_logs import JOINT, signal, with_log
+from tests.changed_logs import with_torque as torque_logged
 from tests.quick import quick
 
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
@@ -27,9 +29,8 @@ Plant = Callable[[MeasuredRun, float, np.random.Generator], dict[str, Any]]
 
 
 @cache
-def clean(seed: int) -> tuple[MeasuredSet, tuple[np.ndarray, ...]]:
-    data, truth = hidden_bench({}, seed, ("light", "medium", "heavy"), duration=8.0, schedules=SCHEDULES)
-    return data, tuple(truth["clean_position"])
+def clean(seed: int) -> tuple[MeasuredSet, dict[str, Any]]:
+    return hidden_bench({}, seed, ("light", "medium", "heavy"), duration=8.0, schedules=SCHEDULES)
 
 
 def times(name: str) -> Plant:
@@ -80,6 +81,8 @@ ERRORS: dict[str, tuple[Plant, tuple[float, ...], str, str]] = {
     "current of the other sign": (times("current"), (-1.0,), "current.sign", "sensor.scale"),
     "duty in another unit": (times("duty"), (100.0, 885.0), "unit.duty", "sensor.scale"),
     "velocity in degrees": (times("velocity"), (180.0 / np.pi,), "unit.velocity", "sensor.scale"),
+    "velocity of the other sign": (times("velocity"), (-1.0,), "velocity.sign", "velocity.sign"),
+    "position of the other sign": (times("position"), (-1.0,), "position.sign", "position.sign"),
     "velocity before the gear": (times("velocity"), (6.0, GEAR), "velocity.gear_side", "sensor.scale"),
     "velocity of a wrong scale": (times("velocity"), (0.93, 1.1), "velocity.scale", "sensor.scale"),
     "late velocity": (late_velocity, (0.008, 0.015), "velocity.lag", "sensor.delay"),
@@ -89,6 +92,13 @@ ERRORS: dict[str, tuple[Plant, tuple[float, ...], str, str]] = {
     "link wraps": (link(turned), (0,), "link_position.wrap", "link_position.wrap"),
     "aliased supply": (aliased, (0.8, 2.5), "voltage.aliased", "voltage.aliased"),
 }
+MEASURED = ("unit.current", "unit.duty", "unit.velocity", "velocity.gear_side", "velocity.scale", "velocity.lag")
+"""Errors whose size is measured as it was planted."""
+REFUSED = (
+    *("unit.degrees", "position.wrap", "link_position.wrap", "position.sign"),
+    *("velocity.sign", "velocity.gear_side", "unit.velocity"),
+)
+"""Errors of columns that cannot be used as they are; others are warnings."""
 CASES = [(name, size) for name, (_, sizes, _, _) in ERRORS.items() for size in sizes]
 
 
@@ -98,18 +108,8 @@ def planted(name: str, size: float, seed: int) -> MeasuredSet:
     return replace(data, runs=tuple(with_log(run, **plant(run, size, rng)) for run in data.runs))
 
 
-def with_torque(seed: int, delay: float = 0.0, factor: float = 1.0) -> MeasuredSet:
-    """Logs with the torque that the true motion needs, and some dry friction."""
-    data, positions = clean(seed)
-    rng, runs = np.random.default_rng(seed), []
-    for run, position in zip(data.runs, positions, strict=True):
-        motion = make_smoothing_spline(run.time, position, lam=1e-9)
-        velocity, acceleration = motion.derivative(1)(run.time), motion.derivative(2)(run.time)
-        mass, length, arm = (run.robot_params[key] for key in ("mass", "length", "arm_mass"))
-        torque = (mass * length**2 + arm * length**2 / 3) * acceleration + 0.05 * np.sign(velocity)
-        torque += 9.81 * length * (mass + arm / 2) * np.sin(position) + rng.normal(0, 0.005, len(position))
-        runs.append(with_log(run, torque=factor * np.interp(run.time - delay, run.time, torque)))
-    return replace(data, runs=tuple(runs))
+def with_torque(seed: int, **column: float) -> MeasuredSet:
+    return torque_logged(*clean(seed), **column)
 
 
 @pytest.mark.parametrize("seed", quick((1, 2, 3), 3))
@@ -120,9 +120,18 @@ def test_clean_logs_with_every_column_have_no_data_error(seed: int) -> None:
 @pytest.mark.parametrize("seed", quick((1, 2), 2))
 @pytest.mark.parametrize(("name", "size"), CASES)
 def test_a_data_error_is_found_alone_and_mended(name: str, size: float, seed: int) -> None:
+    _, _, code, told = ERRORS[name]
     data = planted(name, size, seed)
+    seen = [f for f in check_set(data) if f.code == code]
+    assert {f.cause or f.code for f in seen} == {told}
+    assert {f.severity == "error" for f in seen} == {code in REFUSED}
+    if code in MEASURED:
+        assert all(f.value == pytest.approx(size, rel=0.03, abs=0.0015) for f in seen)
+        assert all(f.low <= f.value <= f.high for f in seen if f.low is not None)
+    if name == "wrap":
+        assert all(f.value == pytest.approx(2 * np.pi, rel=0.01) for f in seen)
     data, findings = corrected(data, check_set(data))
-    assert {f.code for f in findings if f.data_error} == {ERRORS[name][2]}
+    assert {f.code for f in findings if f.data_error} == {code}
     assert [f.code for f in check_set(data) if f.data_error] == []
 
 
@@ -130,7 +139,7 @@ def test_a_data_error_is_found_alone_and_mended(name: str, size: float, seed: in
 @pytest.mark.parametrize(("delay", "code"), [(0.010, "torque.lag"), (0.020, "torque.lag"), (-0.012, "torque.lead")])
 def test_a_torque_column_out_of_step_is_measured(delay: float, code: str, seed: int) -> None:
     faults = [f for f in check_set(with_torque(seed, delay=delay)) if f.data_error]
-    assert [f.code for f in faults] == [code]
+    assert [(f.code, f.cause) for f in faults] == [(code, "sensor.delay")]
     assert faults[0].low is not None and faults[0].high is not None
     assert faults[0].low <= abs(delay) <= faults[0].high
 
@@ -185,3 +194,81 @@ def test_what_mending_does_not_cure_is_told_once(monkeypatch: pytest.MonkeyPatch
     same, findings = corrected(data, check_set(data))
     np.testing.assert_array_equal(signal(same.runs[0], "current"), signal(data.runs[0], "current"))
     assert {f.code for f in findings if f.data_error} == {"unit.current"}
+
+
+# --- a fault of a column is a property of the machine: decided over all its runs with the drive on, mended in all ----
+
+
+@cache
+def four_runs() -> MeasuredSet:
+    return hidden_bench({}, 3, runs=4, duration=6.0, schedules=SCHEDULES)[0]
+
+
+def mended(data: MeasuredSet) -> MeasuredSet:
+    return corrected(data, check_set(data))[0]
+
+
+def half_off(run: MeasuredRun) -> MeasuredRun:
+    """The drive is off for most of the run, and somebody moves the joint against the goal of the time."""
+    off = run.time > 1.5
+    turned = signal(run, "position").copy()
+    turned[off] = 1.2 * signal(run, "goal")[off]
+    return with_log(run, position=turned, enabled=np.where(off, 0.0, 1.0), duty=None, current=None, velocity=None)
+
+
+def test_a_sign_is_mended_in_all_runs_though_one_has_its_drive_off() -> None:
+    """It was mended in three runs of four, and physics then fitted the fourth."""
+    data = four_runs()
+    runs = [*data.runs[:3], half_off(data.runs[3])]
+    wrong = replace(data, runs=tuple(with_log(run, position=-signal(run, "position")) for run in runs))
+    for run, right in zip(mended(wrong).runs, runs, strict=True):
+        np.testing.assert_allclose(signal(run, "position"), signal(right, "position"))
+
+
+def test_a_joint_that_is_pushed_about_in_one_run_has_no_wrong_sign() -> None:
+    data = four_runs()
+    odd = with_log(data.runs[3], position=-0.5 * signal(data.runs[3], "goal"), velocity=None, duty=None, current=None)
+    same = mended(replace(data, runs=(*data.runs[:3], odd)))
+    np.testing.assert_allclose(signal(same.runs[0], "position"), signal(data.runs[0], "position"))
+
+
+def test_one_run_of_four_in_degrees_is_converted() -> None:
+    """It was kept as radians: 3228 mrad, and a proposed motion up to 50 rad."""
+    data = four_runs()
+    last = data.runs[3]
+    odd = with_log(last, **{name: np.degrees(signal(last, name)) for name in ("goal", "position")}, velocity=None)
+    for run, right in zip(mended(replace(data, runs=(*data.runs[:3], odd))).runs, data.runs, strict=True):
+        for name in ("goal", "position"):
+            np.testing.assert_allclose(signal(run, name), signal(right, name), atol=1e-9)
+
+
+def test_runs_in_radians_stay_as_they_are() -> None:
+    assert not [f for f in corrected(four_runs(), check_set(four_runs()))[1] if f.data_error]
+
+
+def test_a_drive_that_looks_off_is_told_and_taken_as_off() -> None:
+    """It read "stuck duty", and 611 mrad of nonsense."""
+    data = four_runs()
+    last = data.runs[3]
+    off = (last.time > 2.0) & (last.time < 5.0)
+    hanging = np.where(off, 0.002 * np.sin(9.0 * last.time), signal(last, "position"))
+    loose = with_log(last, position=hanging, duty=np.where(off, 0.0, signal(last, "duty")), velocity=None)
+    seen, findings = released(replace(data, runs=(*data.runs[:3], loose)))
+    (finding,) = findings
+    assert finding.code == "drive.looks_off" and f"log {JOINT}.enabled" in finding.sentence
+    enabled = signal(seen.runs[3], "enabled") < 0.5
+    assert (enabled & off).sum() > 0.9 * off.sum() and (enabled & ~off).sum() < 0.05 * off.sum()
+    assert all(run.joints[JOINT].enabled is None for run in seen.runs[:3])
+    assert "column.stuck" not in {f.code for f in check_set(seen)}
+
+
+@pytest.mark.parametrize("wrong", [np.degrees, np.negative])
+def test_no_drive_looks_off_for_a_position_that_is_mended(wrong: Callable[[np.ndarray], np.ndarray]) -> None:
+    """An eighth of a log in degrees was taken as off, by a goal that looked far away, and replayed without a drive."""
+    data = four_runs()
+    runs = tuple(with_log(run, position=wrong(signal(run, "position")), velocity=None) for run in data.runs)
+    seen, findings, _ = check_log(replace(data, runs=runs), lambda text: None)
+    assert "drive.looks_off" not in {finding.code for finding in findings}
+    for run, right in zip(seen.runs, data.runs, strict=True):
+        assert run.joints[JOINT].enabled is None
+        np.testing.assert_allclose(signal(run, "position"), signal(right, "position"), atol=1e-9)

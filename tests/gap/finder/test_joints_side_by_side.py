@@ -24,8 +24,7 @@ from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.search.journal import keeping
 from sealegs.gap.verdict.decide import refuse
-from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.verdict import JointDiagnosis
+from sealegs.gap.verdict.verdict import JointDiagnosis, Refused
 
 from tests.raising import raising
 from tests.waiting import wait_until

@@ -30,8 +30,7 @@ from sealegs.gap.robot.search import ROBOT
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.verdict.decide import refuse
-from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.verdict import JointDiagnosis
+from sealegs.gap.verdict.verdict import JointDiagnosis, Refused
 
 from testbed import hidden_hopper
 from tests.logged_robots import two_link_run

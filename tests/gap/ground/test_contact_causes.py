@@ -28,8 +28,7 @@ from sealegs.gap.output.files import fresh_folder, write_diagnosis
 from sealegs.gap.output.pictures import cause_pictures
 from sealegs.gap.search.fit import fit
 from sealegs.gap.verdict.decide import refuse
-from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis
+from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, JointDiagnosis, Refused
 
 from testbed import hidden_hopper
 from testbed.hopper import JOINTS
@@ -123,7 +122,7 @@ def test_the_leg_in_flight_moves_as_the_plant_does() -> None:
     data, _ = recorded()
     leg = leg_of(data)
     stances = find_stances(data.runs, leg, column_noise(data.runs))
-    replayer = LegReplay(leg, data.runs, stances, 1e-3)
+    replayer = LegReplay(leg, data.runs, stances)
     errors = [
         (path[0] - columns(data.runs[s.run])[s.start : s.stop])[:9]
         for path, s in zip(replayer.simulate([leg], range(len(stances))), stances, strict=True)

@@ -16,6 +16,7 @@ from sealegs.envs.robots import get_robot
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from sealegs.gap.ground.laid import Laid
+from sealegs.gap.ground.pieces import ENGINE_STEP
 from sealegs.gap.ground.tree_ground import lay_robot
 from sealegs.gap.ground.tree_model import TreeModel, base_joints, ground_of
 from sealegs.gap.ground.tree_replay import TreeReplay
@@ -63,7 +64,7 @@ def test_joints_follow_their_measured_motion_whatever_the_ground() -> None:
     start = run.time[replay.pieces[0].start]
     for name in ("front_left_hip", "rear_right_knee"):
         column = replay.position[:, 0, replay.joints.index(name)]
-        measured = np.interp(start + np.arange(len(column)) * replay.step, run.time, run.joints[name].position)
+        measured = np.interp(start + np.arange(len(column)) * ENGINE_STEP, run.time, run.joints[name].position)
         assert np.abs(column - measured).max() < 5e-3
 
 

@@ -20,8 +20,16 @@ from sealegs.gap.output.numbers import number, percent, rounded, sureness
 from sealegs.gap.output.partial import FOLDER, TOLD
 from sealegs.gap.output.terminal import screen, told_once
 from sealegs.gap.verdict.decide import refuse
-from sealegs.gap.verdict.evidence import Refused
-from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, DataError, JointDiagnosis, Reason
+from sealegs.gap.verdict.verdict import (
+    EXPLAINED,
+    NOT_IDENTIFIABLE,
+    NOTHING,
+    PARTLY,
+    DataError,
+    JointDiagnosis,
+    Reason,
+    Refused,
+)
 
 
 def named(name: str, share: float, parameters: dict[str, Value], rivals: tuple[str, ...] = ()) -> NamedCause:

@@ -26,8 +26,16 @@ from sealegs.gap.measure.named import (
 from sealegs.gap.output.document import overall as of_documents
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.verdict.decide import MAX_SENTENCE_WORDS, decide, overall
-from sealegs.gap.verdict.evidence import Refused, Replayed
-from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, PARTLY, UNUSABLE, DataError
+from sealegs.gap.verdict.verdict import (
+    EXPLAINED,
+    NOT_IDENTIFIABLE,
+    NOTHING,
+    PARTLY,
+    UNUSABLE,
+    DataError,
+    Refused,
+    Replayed,
+)
 
 from tests.replayed_evidence import evidence, with_measured
 
