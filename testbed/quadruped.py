@@ -24,7 +24,6 @@ SAMPLE_PERIOD = 0.005  # [s]
 TICK = 2.0 * math.pi / 4096
 ENCODER_NOISE = 3.9e-4  # [rad]
 POSITION_NOISE, TURN_NOISE = 3e-4, 1e-3  # [m], [rad] of the camera
-GRAVITY = 9.81
 MASS, INERTIA = 2.0, (0.012, 0.02, 0.028)  # [kg], [kg.m2]
 HIPS = ((0.13, 0.1), (0.13, -0.1), (-0.13, 0.1), (-0.13, -0.1))  # [m]
 LEGS = ("front_left", "front_right", "rear_left", "rear_right")

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..checks.drive import EFFORTS
 from ..checks.recording import before_goal_note
-from ..load.efforts import EFFORTS
 from ..log.finding import Finding
 from ..log.torque_side import side_note
 from ..replay.driven import DrivenProblem, efforts_of, not_predicted

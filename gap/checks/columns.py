@@ -6,19 +6,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..load.efforts import EFFORTS, predicted
 from ..log.finding import Finding
 from ..log.types import Array
 from .bootstrap import NORMAL_OVER_MEDIAN
 from .context import JointContext
+from .drive import EFFORTS, predicted
 from .motion import velocity_unit
-from .signal import FOLLOWS_SHARE, MIN_SAMPLES, Lag, derivatives, fit_lag, quantisation_step, same_unit
+from .signal import AT_LIMIT, FOLLOWS_SHARE, MIN_SAMPLES, Lag, derivatives, fit_lag, quantisation_step, same_unit
 
 SCALE_TOLERANCE = 0.03
 LAG_TOLERANCE = 0.003
 """Smallest delay of a column that is worth a word [s]."""
 STUCK_SECONDS = 0.5
-AT_LIMIT = 0.98  # of the largest effort, from which it may be at its limit
 
 
 def check_columns(joint: JointContext) -> Iterator[Finding]:

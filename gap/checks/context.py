@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -148,6 +148,6 @@ def joint_contexts(run: MeasuredRun) -> list[JointContext]:
     part = slice(excess // 2, len(run.time) - (excess - excess // 2))
     contexts = []
     for name, log in run.joints.items():
-        cut = replace(log, **{signal: values[part] for signal, values in log.signals().items()}) if excess else log
+        cut = log.each(lambda values: values[part]) if excess else log
         contexts.append(JointContext(run, name, cut, run.time[part]))
     return contexts

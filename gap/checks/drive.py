@@ -13,12 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from ...actuators.chain import Chain
+from ...actuators.stages import Quantity
 from ..log.finding import Finding
 from ..log.parts import stretches
 from ..log.types import Array, MeasuredSet
 from .context import JointContext, joint_contexts
-from .signal import MIN_SAMPLES, MIN_STAY_SECONDS, OTHER_ERROR_RATIO, same_unit
+from .signal import AT_LIMIT, MIN_SAMPLES, MIN_STAY_SECONDS, OTHER_ERROR_RATIO, same_unit
 
+EFFORTS = ("torque", "current", "duty")  # of a drive, the most direct first
 COLUMN_UNITS: dict[str, dict[str, float]] = {
     "duty": {"percent": 100.0, "counts of 885": 885.0, "per mille": 1000.0, "counts of 1023": 1023.0},
     "current": {"milliamperes": 1000.0},
@@ -31,6 +33,18 @@ KELVIN_TEMPERATURE = 200.0
 NO_EFFORT_SHARE = 0.01  # of the largest effort of the machine, up to which an effort is none
 OFF_ERROR_RATIO = 1.5  # times the error at which the drive typically works, from which one that does nothing is off
 FAR_GOAL_SHARE = 0.3  # of a stretch without effort in which the goal must be that far away
+
+
+def predicted(chain: Chain) -> tuple[str, ...]:
+    """Those of :data:`EFFORTS` that a chain predicts: without a motor there is no current, and an ideal servo has no
+    duty either.
+    """
+    says = {
+        "torque": True,
+        "current": chain.find("dc_motor") is not None,
+        "duty": any(stage.gives == Quantity.DUTY for stage in chain.stages),
+    }
+    return tuple(effort for effort in EFFORTS if says[effort])
 
 
 def check_drive(joint: JointContext) -> Iterator[Finding]:
@@ -50,7 +64,7 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
         if duty is None or values is None or expected is None or (ratio := _ratio(values, expected)) is None:
             continue
         if not _named(signal, ratio):  # a duty at its limit has no scale: a late command may hold it there throughout
-            free = np.abs(duty) < 0.98 * np.max(np.abs(duty))
+            free = np.abs(duty) < AT_LIMIT * np.max(np.abs(duty))
             ratio = _ratio(values[free], expected[free])
         if ratio is not None:
             yield from _finding(joint, signal, ratio)

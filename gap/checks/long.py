@@ -161,12 +161,12 @@ def survey(path: Path, rows: int, most_rows: int, progress: Progress = lambda te
         joined = piece if carried is None else _joined(carried, piece)
         used = 0
         while used + size <= len(joined.time):
-            part = _part(joined, used, used + size)
+            part = joined.part(used, used + size)
             if float(np.diff(part.time).max()) <= GAP_PERIODS * period:
                 starts.append(begin + used)
                 features.append(describe(part))
             used += size
-        carried = _part(joined, used, len(joined.time)) if used < len(joined.time) else None
+        carried = joined.part(used, len(joined.time)) if used < len(joined.time) else None
         first += len(piece.time)
     table = np.stack(features) if features else np.empty((0, 1))
     return Survey(path, first, period, np.array(starts, int), table, tuple(findings), joints)
@@ -271,33 +271,20 @@ def _windows(one: Survey, picked: Sequence[tuple[int, int]], size: int) -> list[
         end = first + len(piece.time)
         while wanted and wanted[0][0] + size <= end:
             start, k = wanted.pop(0)
-            run = _part(joined, start - begin, start - begin + size)
-            copied = {
-                name: replace(log, **{s: values.copy() for s, values in log.signals().items()})
-                for name, log in run.joints.items()
-            }
+            run = joined.part(start - begin, start - begin + size)
             found[k] = replace(
                 run,
                 name=f"{one.path.stem}[{start}:{start + size}]",
                 time=run.time.copy(),
-                joints=copied,
+                joints={name: log.each(np.copy) for name, log in run.joints.items()},
                 meta={**run.meta, "excerpt": parts[k]},
             )
         keep = max(wanted[0][0] - begin, 0) if wanted else len(joined.time)
-        held = _part(joined, keep, len(joined.time)) if keep < len(joined.time) else None
+        held = joined.part(keep, len(joined.time)) if keep < len(joined.time) else None
         first = end
         if not wanted:
             break
     return [found[k] for k, _ in picked if k in found]
-
-
-def _part(run: MeasuredRun, start: int, stop: int) -> MeasuredRun:
-    joints = {
-        name: replace(log, **{signal: values[start:stop] for signal, values in log.signals().items()})
-        for name, log in run.joints.items()
-    }
-    base, host = ({name: values[start:stop] for name, values in table.items()} for table in (run.base, run.host))
-    return replace(run, time=run.time[start:stop], joints=joints, base=base, host=host)
 
 
 def _joined(a: MeasuredRun, b: MeasuredRun) -> MeasuredRun:

@@ -23,6 +23,7 @@ FOLLOWS_SHARE = 0.9  # of a column's variance, that another must explain for it 
 ANOTHER_UNIT_RATIO = 3.0
 """Ratio of two columns beyond which one is not badly calibrated but in another unit, or of something else: assumed,
 between what wrong numbers of a machine make and the nearest other unit, a turn of 2 pi."""
+AT_LIMIT = 0.98  # of the largest effort, from which it may be at its limit
 MIN_SAMPLES = 100  # of a column, from which it is judged
 MIN_NOISE_SAMPLES = 20  # samples of a piece from which its noise can be told
 _BLOCK_SAMPLES = 1 << 15

@@ -17,8 +17,8 @@ import numpy as np
 from ...envs.described.model_file import tip_of
 from ..log.types import Array
 from .dynamics import Dynamics, single_joints
+from .robot import Turned, moved_by
 from .terms import E_BIAS, E_COUPLING, E_CURVE, E_DRAG, E_INERTIA, T_DRAWN, T_OWN, T_SIZE
-from .ties import Turned, moved_by
 
 NO_SAME_FRAME = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)  # else the engine does not read where a centre of mass is
 DERIVATIVE_STEP = 0.02  # [rad] or [m], and a second, either side of what was measured, at which derivatives are taken

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -146,6 +146,10 @@ class JointLog:
         recorded = {name: getattr(self, name) for name in SIGNAL_UNITS}
         return {name: values for name, values in recorded.items() if values is not None}
 
+    def each(self, change: Callable[[Array], Array]) -> JointLog:
+        """The log with every recorded signal changed."""
+        return replace(self, **{name: change(values) for name, values in self.signals().items()})
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRun:
@@ -189,6 +193,13 @@ class MeasuredRun:
     def period(self) -> float:
         """Median sample period [s]."""
         return float(np.median(np.diff(self.time)))
+
+    def part(self, start: int, stop: int) -> MeasuredRun:
+        """The run between two samples."""
+        rows = slice(start, stop)
+        base, host = ({name: values[rows] for name, values in table.items()} for table in (self.base, self.host))
+        joints = {name: log.each(lambda values: values[rows]) for name, log in self.joints.items()}
+        return replace(self, time=self.time[rows], joints=joints, base=base, host=host)
 
     def columns(self) -> dict[str, Array]:
         """Return all columns of the run by their name in the file."""

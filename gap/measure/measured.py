@@ -26,7 +26,6 @@ from ..search.structure import Structure, structure, told_in
 from .adrift import begun_fit, left_by
 from .case import Replay
 from .confidence import THRESHOLDS, Adrift, Thresholds, as_noise_allows, confidence, law_error, standing
-from .harm import harm
 from .named import Error, NamedCause, OpenCause, Value
 from .shares import by_effect
 from .signatures import Signature, disagreeing, signatures
@@ -36,6 +35,7 @@ from .unseen import (
     crossed_errors,
     effective,
     handed_over,
+    harm,
     near_misses,
     outdone,
     refitted_numbers,

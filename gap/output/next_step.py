@@ -14,8 +14,8 @@ from ...common.errors import SealegsError
 from ...envs.described.robot_file import is_robot_file
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
+from ..checks.drive import EFFORTS, predicted
 from ..experiment.proposal import EXPERIMENT_REPEATS, VISIBLE_DIFFERENCE
-from ..load.efforts import EFFORTS, predicted
 from ..log.sidecar import read_sidecar
 from ..replay.tree import HELD
 from ..search.structure import listed

@@ -1,9 +1,10 @@
-"""Numbers for people: rounded by their interval, with a real minus sign, never apart from their unit."""
+"""How a diagnosis is shown: numbers rounded by their interval, never apart from their unit, and how much at once."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..measure.named import Value
@@ -80,3 +81,46 @@ def _fixed(value: float, places: int) -> str:
         return number(value, 6)
     value = round(value, places) + 0.0  # no minus before a zero
     return f"{value:.{max(places, 0)}f}".replace("-", MINUS)
+
+
+# --- how much of a diagnosis is shown at once: nothing is decided by these numbers, which were chosen by eye ----------
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Bounds of what a person sees.
+
+    Attributes:
+        narrowest: columns of a terminal below which lines are allowed to run over.
+        widest: longer lines are hard to read.
+        page_samples: of a zoomable plot over all joints; keeps the page small enough to send.
+        plot_samples: of one joint, at least.
+        moment: that is shown of a log [s], where it is not slow.
+        moment_samples: of it, at least.
+        response: that is shown of a joint's answer [s].
+        pause: drawn between runs [s].
+        bin_samples: in a bin, at least.
+        causes: with a row of their own.
+        candidates: of a round.
+        bar: height of one, in rows.
+        wide, tall, alone: sizes of a report's first picture [inch].
+    """
+
+    narrowest: int = 40
+    widest: int = 100
+    page_samples: int = 16_000
+    plot_samples: int = 2_000
+    moment: float = 1.2
+    moment_samples: int = 80
+    response: float = 0.4
+    pause: float = 0.5
+    bin_samples: int = 12
+    causes: int = 5
+    candidates: int = 7
+    bar: float = 0.66
+    wide: tuple[float, float] = (11.0, 3.5)
+    tall: tuple[float, float] = (5.2, 6.6)
+    alone: tuple[float, float] = (6.0, 2.6)
+
+
+LAYOUT = Layout()

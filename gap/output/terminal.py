@@ -18,9 +18,8 @@ from ..search.structure import fine
 from ..verdict.verdict import BESIDE, JointDiagnosis, Reason
 from ..verdict.words import size
 from .document import sentences_of
-from .layout import LAYOUT
 from .next_step import next_step
-from .numbers import GLUE, glued, number, percent, sureness, told_value
+from .numbers import GLUE, LAYOUT, glued, number, percent, sureness, told_value
 
 MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of its own from there
 

@@ -16,9 +16,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..checks.drive import EFFORTS, predicted
 from ..checks.recording import DRIVE_LOOP_PERIOD, a_moment_tells
 from ..checks.signal import derivatives, typical_noise
-from ..load.efforts import EFFORTS, predicted
 from ..log.parts import Unit
 from ..log.torque_side import SIDES, SURE_DEVIATIONS, Reason, TorqueSide, numbers_and_spread, said_side, side_by_drive
 from ..log.types import Array, JointLog, LogError, MeasuredRun

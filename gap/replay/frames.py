@@ -14,8 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ..load.resting import REVERSAL_SPEED
-from ..load.robot import Frame, LoggedRobot
-from ..load.ties import Turned
+from ..load.robot import Frame, LoggedRobot, Turned
 from ..load.tree import Motion
 from ..log.types import MeasuredRun
 from .driven_simulator import law_along

@@ -9,6 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from ..checks.recording import DRIVE_LOOP_PERIOD
+from ..checks.signal import AT_LIMIT
+
 EFFORT, COLUMNS, ROBOT, TOLD = (
     "What bounds the effort",
     "Which columns count",
@@ -239,7 +242,7 @@ class SearchSettings:
         0.02, "Calibration error of a column, as a share of its rms; its noise is never taken as less.", about=COLUMNS
     )
     column_lag: float = threshold(
-        2.5e-4,
+        DRIVE_LOOP_PERIOD,
         "Time [s] by which a column may be later than the stamp of its row: a period of a drive's loop, assumed.",
         about=COLUMNS,
     )
@@ -268,7 +271,9 @@ class SearchSettings:
     )
     place_lift: float = threshold(2.0, "The same share, relative to the place's share of the time.", about=TOLD)
     few_moments: float = threshold(0.05, "Largest share of a log's windows that counts as a few moments.", about=TOLD)
-    at_duty_limit: float = threshold(0.98, "Share of the largest duty from which a duty is at its limit.", about=TOLD)
+    at_duty_limit: float = threshold(
+        AT_LIMIT, "Share of the largest duty from which a duty is at its limit.", about=TOLD
+    )
     at_rest_speed: float = threshold(
         0.02, "Share of the highest speeds (99 % quantile) below which a joint is at rest.", about=TOLD
     )

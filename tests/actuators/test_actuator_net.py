@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -21,7 +20,6 @@ from sealegs.actuators.stages.net import Net, read_net
 
 from tests.typed import Done, typed
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 SHORT = Settings(epochs=40, patience=40, hidden=(16,), history=3)
 INERTIA, GRAVITY, STIFFNESS, DAMPING = 0.01, 0.4, 3.0, 0.15
 

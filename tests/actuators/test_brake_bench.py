@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, mi
 
 from tests.typed import Done, typed
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 SILENT = Noise(0.0, 0.0, 0.0)
 
 

@@ -96,12 +96,6 @@ def test_measured_lists_without_names_are_left_out_with_a_reason(tmp_path: Path)
     assert "joint1.temperature:" not in found.text.partition("unused")[0]
 
 
-def _goals(path: Path) -> dict[str, str]:
-    found = propose(read_recordings(path))
-    assert not found.questions
-    return {name: read.text for name, read in found.columns.items() if name.endswith(".goal")}
-
-
 def test_topics_that_have_the_same_joint_are_refused(tmp_path: Path) -> None:
     """The right arm got the goals of the left one, and nobody was asked."""
     with Bag(tmp_path / "run") as bag:

@@ -12,11 +12,6 @@ from sealegs.gap.checks.data_set import check_set, merged
 from sealegs.gap.log import LogError, MeasuredSet, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping
 
-from tests.importers.importing import TIME
-
-ONE = np.ones_like(TIME)
-
-
 # --- files beside the checkout ---------------------------------------------------------------------------------------
 
 
@@ -69,9 +64,6 @@ def test_the_mapping_of_so101_has_the_gain_that_its_publisher_set(measured_data:
     import_logs(measured_data / "so101_arm" / "chirp_sweep.parquet", tmp_path / "out", read_mapping("so101"))
     said = yaml.safe_load((tmp_path / "out" / "log.yaml").read_text())["actuators"]
     assert {chain[1]["position_p"]["gain"] for chain in said.values()} == {2.65} and len(said) == 6
-
-
-# --- gains -----------------------------------------------------------------------------------------------------------
 
 
 # --- what is set aside by name ---------------------------------------------------------------------------------------

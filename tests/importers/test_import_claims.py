@@ -172,12 +172,6 @@ def test_a_tensor_that_repeats_without_an_end_is_refused(tmp_path: Path) -> None
         read_recordings(tmp_path / "run.pt")
 
 
-CURRENT = 3.0 * np.gradient(LATE, TIME)
-SECOND = np.sin(5.0 * TIME) * 0.4  # a second joint, which moves otherwise
-SECOND_LATE = np.interp(TIME - 0.05, TIME, SECOND)
-HELD = 0.0 * TIME
-
-
 @pytest.mark.parametrize(
     ("header", "signal"),
     [
@@ -192,18 +186,6 @@ def test_the_table_tells_whether_q_is_an_axis_or_an_angle(header: tuple[str, ...
     assert spoken(header)[header[0]].signal == signal
 
 
-MOTEUS = {
-    "position": LATE / 6.0,
-    "velocity": np.gradient(LATE / 6.0, TIME),
-    "torque": 0.3 * CURRENT,
-    "q_current": CURRENT,
-    "d_current": HELD,
-    "control_position": ANGLE / 6.0,
-    "mode": HELD + 10.0,
-    "fault": HELD,
-}
-
-
 def test_a_unit_that_is_said_is_kept_beside_registers_of_moteus() -> None:
     registers = ["velocity", "q_current", "d_current", "mode", "fault"]
     together = spoken(["position", "target_rad", *registers])
@@ -214,13 +196,6 @@ def test_a_unit_that_is_said_is_kept_beside_registers_of_moteus() -> None:
     )
     assert spoken(["position_rad", *registers])["velocity"].unit == ""  # somebody else's header
     assert spoken(["position", "q_current", "d_current"])["position"].unit == ""
-
-
-def two(form: str, first: np.ndarray, second: np.ndarray) -> dict[str, np.ndarray]:
-    return {form.format(0): first, form.format(1): second}
-
-
-ROBOT = two("dof_pos[{}]", LATE, SECOND_LATE)
 
 
 @pytest.mark.parametrize(
@@ -244,9 +219,6 @@ def test_series_with_the_same_signal_or_other_numbers_stay_apart() -> None:
     assert {spoken.joint for spoken in twice.values() if spoken.signal} >= {"left_joint1", "right_joint1"}
     fewer = spoken(["joint_pos_0", "joint_pos_1", "joint_pos_2", "motor_torque_0", "motor_torque_1"])
     assert fewer["motor_torque_0"].joint == "motor0"
-
-
-GRID = 360.0 / 4096
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from tests.importers.importing import motion, table
 
 M = motion(5.0, 100.0)
 COLUMNS = {"time": "t", "joint.goal": "goal_rad", "joint.position": "pos_rad"}
-BENCH = {"robot": "bench", "robot_params": {"mass": 0.5, "length": 0.1}, "actuators": {"joint": "sts3215"}}
 
 
 def runs(folder: Path, *names: str) -> Path:
@@ -83,9 +82,6 @@ def test_a_small_table_of_another_kind_does_not_take_the_place_of_a_run(tmp_path
     assert [one.name for one in proposed.recordings] == [
         "run"
     ] and "# Left out: calib has other columns" in proposed.text
-
-
-# --- names that are taken --------------------------------------------------------------------------------------------
 
 
 # --- the machine of a mapping ----------------------------------------------------------------------------------------

@@ -12,11 +12,11 @@ from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import Recording, answered, import_logs, read_mapping
 from sealegs.gap.log.importers.mapping import Mapping, filled
 
-from tests.importers.importing import motion, table
+from tests.importers.importing import table
 from tests.importers.test_import_tables import texts_of
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
-M, N = motion(5.0, 100.0, seed=1), motion(5.0, 100.0, seed=2)
+M = motion(5.0, 100.0, seed=1)
 TIME = M["time"]
 DEG = {"goal_deg": np.degrees(M["goal"]), "pos_deg": np.degrees(M["smooth"])}
 
@@ -128,7 +128,6 @@ def imported(folder: Path, name: str, out: Path, **said: object) -> Path:
 
 
 LOAD = {"mass": 0.5, "length": 0.1}
-BENCH = {"robot": "bench", "robot_params": LOAD, "actuators": {"joint": "sts3215"}}
 
 
 def test_a_load_that_a_mapping_leaves_blank_is_given_by_the_call(tmp_path: Path) -> None:

@@ -200,9 +200,6 @@ def test_the_answer_ticks_makes_an_angle_of_steps(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.goal, ANGLE, atol=STEP)
 
 
-# --- the range of the model ------------------------------------------------------------------------------------------
-
-
 # --- percent ---------------------------------------------------------------------------------------------------------
 
 
@@ -222,9 +219,6 @@ def test_the_answer_percent_takes_the_range_of_the_model(tmp_path: Path, arm: st
     run = read_measured(out).runs[0]
     in_model = run_in_model_units(run, robot_of(run)).joints["gripper"].position
     np.testing.assert_allclose(in_model, -0.2 + 2.0 * (0.5 + 0.6 * LATE), atol=1e-6)
-
-
-# --- goals that are readings, clocks that repeat ---------------------------------------------------------------------
 
 
 # --- LeRobot ---------------------------------------------------------------------------------------------------------

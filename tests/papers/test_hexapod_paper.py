@@ -29,7 +29,6 @@ from sealegs.papers.hexapod.rows import arithmetic_rows
 
 from tests.typed import Done, typed
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 FAST = 0.03  # [m/s] a cycle takes 6 s
 
 

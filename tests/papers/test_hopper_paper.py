@@ -16,8 +16,6 @@ from sealegs.papers.hopper.paper import CHAINS, PRINTED, Figures, Hops, Legs, by
 
 from tests.typed import Done, typed
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-
 
 @pytest.fixture(scope="module")
 def hops() -> dict[str, Hops]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..layout import LAYOUT
+from ..numbers import LAYOUT
 from .style import EXTENDED, NOMINAL
 
 

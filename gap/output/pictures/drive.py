@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ...measure.named import NamedCause
 from ...search.structure import told_in
-from ..layout import LAYOUT
+from ..numbers import LAYOUT
 from .binned import bins, cloud, draw_measured, draw_model, draw_models, equal_counts, equal_widths, filled, limits
 from .evidence import Evidence
 from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled

@@ -14,8 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from ...log.types import MeasuredRun
 from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
-from ..layout import LAYOUT
-from ..numbers import percent
+from ..numbers import LAYOUT, percent
 from .style import (
     CAUSES,
     COLOURS,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...log.parts import TEST
 from ...verdict.verdict import JointDiagnosis
-from ..layout import LAYOUT
+from ..numbers import LAYOUT
 
 MODELS = ("nominal", "refitted", "extended")
 

@@ -31,11 +31,10 @@ from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis
 from ..extension import changes as changes_of
 from ..extension import not_native, readable
-from ..layout import LAYOUT
-from ..numbers import glued, number, percent, sureness, told_value
+from ..numbers import LAYOUT, glued, number, percent, sureness, told_value
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
+from ..pictures.errors import told
 from ..pictures.first_look import as_logged, first_look, in_words
-from ..pictures.signatures import told
 from ..pictures.style import COLOURS, EXTENDED, NAMES, TEST_SHADE
 from ..pictures.timeline import timeline, worst_window
 from ..terminal import LIMITS, doubts, limit_rows, limits_told

@@ -11,8 +11,7 @@ from sealegs.envs.engine.model_ties import followers_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load import dynamics
 from sealegs.gap.load.dynamics import Dynamics
-from sealegs.gap.load.robot import LoggedRobot
-from sealegs.gap.load.ties import moved_by
+from sealegs.gap.load.robot import LoggedRobot, moved_by
 from sealegs.gap.load.tree import Motion, block_along, carries, terms_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.replay.tree import not_free, torques_of

@@ -25,7 +25,7 @@ from sealegs.gap.measure.signatures import (
 )
 from sealegs.gap.measure.unseen import unseen_range
 from sealegs.gap.output.pictures import png
-from sealegs.gap.output.pictures.signatures import features
+from sealegs.gap.output.pictures.errors import features
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.verdict.words import recording_reasons

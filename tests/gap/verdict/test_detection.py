@@ -12,7 +12,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.finder.diagnosis import diagnose, first_look
-from sealegs.gap.measure.harm import harm_of
+from sealegs.gap.measure.unseen import harm_of
 from sealegs.gap.output.extension import changes
 from sealegs.gap.output.terminal import lines_of
 from sealegs.gap.prepare.request import Request

@@ -14,7 +14,7 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.visible import limits, view_of
 from sealegs.gap.checks.context import joint_contexts
 from sealegs.gap.checks.data_set import check_run
-from sealegs.gap.load.efforts import predicted
+from sealegs.gap.checks.drive import predicted
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
