@@ -93,7 +93,6 @@ class Shift:
         seconds: positive where the column is ahead of the motion, negative where it is late [s].
         low, high: 95 % interval from resampled blocks [s].
         index: of the nearest shift that was tried.
-        same_side: share of the resamplings with this sign.
         least: whether the shift, or where its sign is sure its interval, ends where the search did: it may be more.
     """
 
@@ -101,7 +100,6 @@ class Shift:
     low: float
     high: float
     index: int
-    same_side: float
     least: bool = False
 
     @property
@@ -196,10 +194,9 @@ def torque_shift(balance: TorqueBalance) -> Shift:
     )
     seconds = float(np.median(drawn))
     low, high = np.percentile(drawn, [2.5, 97.5])
-    same = float(np.mean(np.sign(drawn) == np.sign(seconds))) if seconds else 0.0
     furthest = max(abs(low), abs(high)) if low * high > 0.0 else abs(seconds)
     least = bool(furthest > shifts[-2])
-    return Shift(seconds, float(low), float(high), int(np.argmin(np.abs(shifts - seconds))), same, least)
+    return Shift(seconds, float(low), float(high), int(np.argmin(np.abs(shifts - seconds))), least)
 
 
 def _best_shift(inner: Array, cross: Array, size: Array) -> int:

@@ -60,16 +60,6 @@ def read_sidecar(log: Path) -> Sidecar:
     return replace(found, robot=robot_beside(found.robot, log.parent), actuators=chains)
 
 
-def folder_defaults(folder: Path) -> dict[str, Any] | None:
-    """What the ``log.yaml`` of a folder says, as it stands there; None where there is none.
-
-    Raises:
-        LogError: it cannot be read, or is no mapping.
-    """
-    path = folder / FOLDER_DEFAULTS
-    return _load_mapping(path) if os.path.isfile(path) else None
-
-
 def files_named(sidecar: Sidecar) -> tuple[Path, ...]:
     """The files of a robot and of its chains that a sidecar names, with all that these read in turn."""
     return files_read([sidecar.robot, *(chain for chain in sidecar.actuators.values() if isinstance(chain, str))])

@@ -12,7 +12,7 @@ from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import Recording, answered, import_logs, read_mapping
 from sealegs.gap.log.importers.mapping import Mapping, filled
 
-from tests.importers.importing import table
+from tests.importers.importing import motion, table
 from tests.importers.test_import_tables import texts_of
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")

@@ -190,16 +190,6 @@ def test_words_for_truth_are_one_and_zero(tmp_path: Path, words: tuple[str, str]
 # --- motors that share a bus: rows polled in turn, and rows that repeat ----------------------------------------------
 
 
-def polled(folder: Path, head: str, apart: float = 0.0) -> Path:
-    """Motors with a row for each and time, each read so much later [s] than the one before it."""
-    lines = [
-        f"{time + k * apart:.6f},{k + 1},{late + 0.1 * k:.6f},{goal:.6f}"
-        for time, late, goal in zip(TIME, M["smooth"], M["goal"], strict=True)
-        for k in range(3)
-    ]
-    return written(folder, "\n".join([head, *lines]) + "\n")
-
-
 @pytest.mark.parametrize(
     ("name", "labels", "refused"),
     [

@@ -149,14 +149,6 @@ def test_a_commanded_velocity_in_another_ratio_stays_and_is_told() -> None:
     assert [commanded(scale) for scale in (30.0, -1.0)] == [[("goal_velocity.scale", "j.goal_velocity", False)]] * 2
 
 
-def sized(sizes: dict[str, float], form: str = "{}_{}") -> dict[str, np.ndarray]:
-    """Goal and position of several sized, by how far each moves beside the angle of the tests."""
-    columns = {"time_s": TIME}
-    for joint, size in sizes.items():
-        columns |= {form.format("goal", joint): size * ANGLE, form.format("pos", joint): size * LATE}
-    return columns
-
-
 STEP = 2.0 * np.pi / 4096
 ARM = """<mujoco><compiler angle="radian"/><worldbody>
   <body name="upper"><joint name="shoulder" axis="0 1 0" range="-1.5 1.5"/><geom size="0.1" mass="1"/>

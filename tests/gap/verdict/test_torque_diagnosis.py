@@ -363,7 +363,7 @@ def test_a_torque_log_needs_no_actuator() -> None:
 
 @pytest.mark.parametrize(("low", "high"), [(-0.012, 0.001), (-0.001, 0.012), (-0.012, 0.0)])
 def test_an_interval_across_zero_holds_the_size_of_its_own_value(low: float, high: float) -> None:
-    least, most = Shift(0.009 * np.sign(low + high), low, high, 0, 0.95).size
+    least, most = Shift(0.009 * np.sign(low + high), low, high, 0).size
     assert least == 0.0 and most == pytest.approx(0.012 + SHIFT_BIAS)
 
 
