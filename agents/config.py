@@ -124,7 +124,7 @@ def read_config(arguments: Sequence[str]) -> Request:
     plain["begun_from"] = checked("from", plain.pop("from"), str | None)
     robot = checked("robot", plain.pop("robot"), str | None)
     if robot is not None:
-        plain["env"] = {**plain["env"], "robot": robot}
+        plain["env"] = _of_robot(plain["env"], robot, pairs)
     out = checked("out", plain.pop("out"), str)
     name = checked("name", plain.pop("name"), str | int | None)
     plain.pop("resume")
@@ -133,6 +133,13 @@ def read_config(arguments: Sequence[str]) -> Request:
     seeds, plain["seed"] = _seeds(plain.pop("seeds"), plain["seed"])
     plain = _extended(_drawn_from(plain))
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {}, seeds=seeds)
+
+
+def _of_robot(env: Mapping[str, Any], robot: str, given: Mapping[str, str]) -> dict[str, Any]:
+    """The config ``env`` for a robot: numbers that it has for another one (``params``) count only where ``given``."""
+    if env.get("robot") != robot and isinstance(params := env.get("params"), Mapping) and "env.params" not in given:
+        env = {**env, "params": {key: value for key, value in params.items() if f"env.params.{key}" in given}}
+    return {**env, "robot": robot}
 
 
 def _of_run(pairs: Mapping[str, str]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The one error class of the project, and the hint that its messages carry."""
+"""The one error class of the project, the hint that its messages carry, and the word of a warning."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ class SealegsError(ValueError):
     """
 
 
+WARNING = "Warning: "
+"""Beginning of a sentence that a person should not pass over."""
 LIKE = 0.5
 """Likeness, from 0 to 1, from which an option may be meant by another word."""
 

@@ -148,14 +148,19 @@ class Commanded(AnyRobotTask):
 
     def __post_init__(self) -> None:
         for name in self.scales:
-            if not getattr(self, name) > 0.0:
-                raise SealegsError(f"{name} is {getattr(self, name):g}; it must be above 0.")
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise SealegsError(f"{name} is {value:g}; it must be above 0.")
         if self.command_interval < 0.0:
             raise SealegsError(f"command_interval is {self.command_interval:g} s; it must be above 0, or 0 for none.")
 
+    def span(self, name: str) -> float | Sequence[float]:
+        """A commanded number, or from which to which."""
+        return getattr(self, name)
+
     def commands(self, random: np.ndarray) -> np.ndarray:
         draws = random[:, -self.per_robot :]
-        asked = np.stack([drawn(getattr(self, name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)
+        asked = np.stack([drawn(self.span(name), draws[:, k]) for k, name in enumerate(self.ranges)], axis=1)
         return np.where(draws[:, -1:] < self.stand_share, 0.0, asked)
 
 

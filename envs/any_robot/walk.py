@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -18,32 +19,80 @@ from .stand import Standing, standing
 from .task import Commanded, Numbers
 
 COMMANDS = ("forward [m/s]", "sideways [m/s]", "turn [rad/s]")
-SLOW = 0.05  # [m/s] of a foot over the body, from which on the reference gait lifts it fully; assumed
+SLOW = (
+    0.04  # of the speed of a fall from its height, of a foot over the body, from which on it is lifted fully; assumed
+)
 RIM = 0.5  # of the height of the base: how far from its middle a sole that turns drags, for the same; assumed
 SWING = 0.5  # of a cycle of the reference gait that a foot is in the air
 AXES = ("x", "y", "z")
+GRAVITY = 9.81  # [m/s2]
+ON_TWO = 1.0 / 3.0  # of the speeds and heights, on two feet: what the small biped follows; assumed
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Numbers of a walk that a robot's size decides, unless they are given: see :class:`WalkTask`."""
+
+    forward: float | Sequence[float]
+    sideways: float | Sequence[float]
+    turn: float | Sequence[float]
+    cadence: float
+    lift: float
+    tolerance: float
+    turn_tolerance: float
+    air_time: float
+
+    @classmethod
+    def of(cls, stance: Standing) -> Sizes:
+        """Those of a robot that stands so, of two significant digits.
+
+        Legs of any size walk alike at one share of the speed of a fall from their height (Froude). The shares are those
+        of the quadruped, whose reference gait follows them; on two feet, of the small biped.
+        """
+        rate = float(np.sqrt(GRAVITY / stance.height))
+        length = stance.height * (ON_TWO if len(stance.feet) == 2 else 1.0)
+        speed = length * rate
+        found: dict[str, float | tuple[float, ...]] = {
+            "forward": (-0.159 * speed, 0.238 * speed),
+            "sideways": (-0.079 * speed, 0.079 * speed),
+            "turn": (-0.077 * rate, 0.077 * rate),
+            "cadence": 0.322 * rate,
+            "lift": 0.123 * length,
+            "tolerance": 0.0634 * speed,
+            "turn_tolerance": 0.0386 * rate,
+            "air_time": 1.555 / rate,
+        }
+        short: dict[str, Any] = {key: _short(value) for key, value in found.items()}
+        return cls(**short)
+
+
+def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+    """A number, or several, with two significant digits."""
+    return tuple(float(f"{item:.2g}") for item in value) if isinstance(value, tuple) else float(f"{value:.2g}")
 
 
 @dataclass(frozen=True)
 class WalkTask(Commanded):
     """The options of :class:`sealegs.envs.any_robot.env.WalkEnv`."""
 
-    forward: float | Sequence[float] = option((-0.2, 0.3), "commanded speed, or from which to which", "m/s")
-    sideways: float | Sequence[float] = option((-0.1, 0.1), "the same to the left", "m/s")
-    turn: float | Sequence[float] = option((-0.6, 0.6), "the same about the vertical", "rad/s")
+    forward: float | Sequence[float] | None = option(
+        None, "commanded speed, or from which to which; null: by the robot's size, as all that can be null", "m/s"
+    )
+    sideways: float | Sequence[float] | None = option(None, "the same to the left", "m/s")
+    turn: float | Sequence[float] | None = option(None, "the same about the vertical", "rad/s")
     stand_share: float = option(0.1, "see Starting State")
     command_interval: float = option(0.0, "between commands of an episode; 0: it has one", "s")
     correction: float = option(0.25, "see Action Space")
-    cadence: float = option(0.0, "cycles of the reference gait per second [Hz]; 0: none")
-    lift: float = option(0.03, "of a foot, in the reference gait and the reward", "m")
-    tolerance: float = option(0.08, "see Rewards", "m/s")
-    turn_tolerance: float = option(0.3, "see Rewards", "rad/s")
+    cadence: float | None = option(0.0, "cycles of the reference gait per second [Hz]; 0: none")
+    lift: float | None = option(None, "of a foot, in the reference gait and the reward", "m")
+    tolerance: float | None = option(None, "see Rewards", "m/s")
+    turn_tolerance: float | None = option(None, "see Rewards", "rad/s")
     tracking_weight: float = 2.0
     turn_weight: float = 1.0
     upright_weight: float = 2.0
     sway_weight: float = 0.05
     air_time_weight: float = 1.0
-    air_time: float = option(0.2, "see Rewards", "s")
+    air_time: float | None = option(None, "see Rewards", "s")
     slip_weight: float = 0.1
     clearance_weight: float = 0.1
     collision_weight: float = 0.5
@@ -90,6 +139,19 @@ class WalkTask(Commanded):
             cls.stance = standing(cls.robot)
         return cls.stance
 
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Numbers that were given, and of those left open what the robot's size says."""
+        given = {item.name: getattr(self, item.name) for item in fields(Sizes)}
+        return replace(Sizes.of(self.stance), **{key: value for key, value in given.items() if value is not None})
+
+    def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
+        del trial
+        return replace(self, **vars(self.sizes))
+
+    def span(self, name: str) -> float | Sequence[float]:
+        return getattr(self.sizes, name)
+
     # --- what is asked for -------------------------------------------------------------------------------------
 
     def asked_names(self) -> tuple[str, ...]:
@@ -107,22 +169,23 @@ class WalkTask(Commanded):
     ) -> tuple[np.ndarray, np.ndarray] | None:
         del numbers
         goals: Any = np.broadcast_to(self.centre, (len(time), len(self.centre)))
-        if self.cadence > 0.0:
+        if self.sizes.cadence > 0.0:
             goals = goals + self._gait(time, command)
         return goals, self.correction * self.half
 
     def _gait(self, time: np.ndarray, command: np.ndarray) -> Any:
         """Change of the goals (n, k): each foot in turn is lifted and swings ahead, as the command asks."""
         stance, found = self.stance, 0.0
+        slow = SLOW * float(np.sqrt(GRAVITY * stance.height))
         for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
-            cycle = (self.cadence * time + 0.5 * float(turn)) % 1.0
+            cycle = (self.sizes.cadence * time + 0.5 * float(turn)) % 1.0
             along, across = self._speed_of(command, place)
             spinning = np.abs(command[:, 2]) * RIM * stance.height * float(stance.per_turn[foot].any())
-            moving = np.minimum((np.sqrt(along * along + across * across) + spinning) / SLOW, 1.0)
+            moving = np.minimum((np.sqrt(along * along + across * across) + spinning) / slow, 1.0)
             swinging = cycle < SWING
             ahead = np.where(swinging, -0.5 * np.cos(np.pi * cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
-            up = self.lift * moving * np.where(swinging, np.sin(np.pi * cycle / SWING), 0.0)
-            stride = (1.0 - SWING) / self.cadence  # [s] on the ground
+            up = self.sizes.lift * moving * np.where(swinging, np.sin(np.pi * cycle / SWING), 0.0)
+            stride = (1.0 - SWING) / self.sizes.cadence  # [s] on the ground
             for axis, way in enumerate((stride * along * ahead, stride * across * ahead, up)):
                 found = found + way[:, None] * stance.per_metre[foot, axis]
             found = found + (stride * command[:, 2] * ahead)[:, None] * stance.per_turn[foot]
@@ -143,7 +206,7 @@ class WalkTask(Commanded):
             *(f"turn rate about {axis} of the base [rad/s]" for axis in AXES),
             *self.named(("motor reading from the stance", "{unit}"), ("motor speed", "{unit}/s")),
             *self.named(("last action", "-"), ("action before", "-")),
-            *(("sine of the clock", "cosine of the clock") if self.cadence > 0.0 else ()),
+            *(("sine of the clock", "cosine of the clock") if self.sizes.cadence > 0.0 else ()),
             *(f"contact switch {name} [-]" for name in (self._switched() if self.switches else ())),
         )
 
@@ -155,8 +218,8 @@ class WalkTask(Commanded):
         m = motion
         parts = (m.command, m.gravity, m.turn_rate, m.reading - self.centre, m.reading_speed)
         parts = (*parts, m.action, m.previous_action)
-        if self.cadence > 0.0:
-            phase = 2.0 * np.pi * (self.cadence * m.time % 1.0)
+        if self.sizes.cadence > 0.0:
+            phase = 2.0 * np.pi * (self.sizes.cadence * m.time % 1.0)
             parts = (*parts, np.sin(phase), np.cos(phase))
         return (*parts, m.switches) if self.switches else parts
 
@@ -186,21 +249,22 @@ class WalkTask(Commanded):
         m, stance, world = motion, self.stance, motion.world
         velocity, _, sway = self.velocity(m)
         mean = self.ahead(m, world.mean_velocity(stance.base))
-        off = ((mean[:, :2] - m.command[:, :2]) ** 2).sum(axis=1) / self.tolerance**2
-        astray = ((world.mean_turn_rate(stance.base)[:, 2] - m.command[:, 2]) / self.turn_tolerance) ** 2
-        bounce = (velocity[:, 2] / self.tolerance) ** 2 + (sway / self.turn_tolerance) ** 2
+        off = ((mean[:, :2] - m.command[:, :2]) ** 2).sum(axis=1) / self.sizes.tolerance**2
+        astray = ((world.mean_turn_rate(stance.base)[:, 2] - m.command[:, 2]) / self.sizes.turn_tolerance) ** 2
+        bounce = (velocity[:, 2] / self.sizes.tolerance) ** 2 + (sway / self.sizes.turn_tolerance) ** 2
         soles, speeds = self._soles(m)
         touching, landed = world.touching(stance.feet), world.landed(stance.feet)
-        aired = np.where(landed > 0.0, np.minimum(landed, 2.0 * self.air_time) - self.air_time, 0.0).sum(axis=1)
-        sliding = (np.minimum(speeds / self.tolerance, 1.0) * touching).sum(axis=1)
-        low = np.maximum(1.0 - (soles - soles.min(axis=1, keepdims=True)) / self.lift, 0.0)
-        shuffling = (np.minimum(speeds / self.tolerance, 1.0) * low * ~touching).sum(axis=1)
+        long = self.sizes.air_time
+        aired = np.where(landed > 0.0, np.minimum(landed, 2.0 * long) - long, 0.0).sum(axis=1)
+        sliding = (np.minimum(speeds / self.sizes.tolerance, 1.0) * touching).sum(axis=1)
+        low = np.maximum(1.0 - (soles - soles.min(axis=1, keepdims=True)) / self.sizes.lift, 0.0)
+        shuffling = (np.minimum(speeds / self.sizes.tolerance, 1.0) * low * ~touching).sum(axis=1)
         others = [name for name in world.touchable() if name not in stance.feet]
         return {
             "reward_tracking": self.tracking_weight * np.exp(-off),
             "reward_turn": self.turn_weight * np.exp(-astray),
             "reward_sway": -self.sway_weight * bounce,
-            "reward_air_time": self.air_time_weight / self.air_time * aired * ~still,
+            "reward_air_time": self.air_time_weight / long * aired * ~still,
             "reward_slip": -self.slip_weight * sliding,
             "reward_clearance": -self.clearance_weight * shuffling,
             "reward_collision": -self.collision_weight * world.touching(others).sum(axis=1),

@@ -6,18 +6,14 @@ import re
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from ...common.documents import XML_SIZE, DocumentError, read_bytes, without_comments
-from .urdf_text import urdf_root
 
 ELEMENT = re.compile(r" Element name '([^']*)'(?:, id \d+)?(?:, line \d+)?.*$")
 LINE = re.compile(r",? line \d+$")
 LEAST = float(mujoco.mjMINVAL)  # [kg], [kg.m2] of a body that moves
 MACRO = re.compile(r"<xacro:[^>]*>|\$\((?:arg|dirname|env|eval|find|optenv)\b[^)]*\)|\$\{[^}]*\}")
 """What xacro would have replaced: its elements, and what it reckons within attributes."""
-NAMED = 6  # other links at most, of those with the same fault
-AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 def line_of(error: Exception) -> str:
@@ -54,23 +50,6 @@ def xacro_left(path: Path) -> str:
     return "" if found is None else " ".join(found.group(0).split())
 
 
-def too_small(path: Path, but: str) -> list[str]:
-    """Links of a URDF that have an inertia with a principal moment that MuJoCo does not take, all but one."""
-    found = []
-    for link in urdf_root(path).iter("link"):
-        if (inertia := link.find("inertial/inertia")) is None or link.get("name") == but:
-            continue
-        try:
-            xx, yy, zz, xy, xz, yz = (float(inertia.get(f"i{axes}", "0")) for axes in AXES)
-        except ValueError:
-            continue
-        moments = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-        # frames without any inertia are another matter
-        if np.any(moments) and np.linalg.eigvalsh(moments)[0] <= LEAST:
-            found.append(f"'{link.get('name')}'")
-    return found
-
-
 def uncompiled(path: Path, error: Exception) -> str:
     """A sentence for a model that does not compile."""
     sentence = line_of(error)
@@ -78,20 +57,14 @@ def uncompiled(path: Path, error: Exception) -> str:
     found = ELEMENT.search(sentence)
     what = f"{'link' if urdf else 'body'} '{found.group(1) if found else ''}'"
     if "A + B >= C" in sentence:
-        line = '<compiler balanceinertia="true"/>'
-        line = f"<mujoco>{line}</mujoco>" if urdf else line
-        where = "<robot>" if urdf else "<mujoco>"
         return (
             f"{path}: {what} has an inertia that no body has: of its principal moments, one is more than the sum of "
-            f"the others. Correct it, or add {line} inside {where}, and MuJoCo evens them out."
+            'the others. Correct it, or write <compiler balanceinertia="true"/>, and MuJoCo evens them out.'
         )
     if "positive eigenvalues" in sentence:
-        others = too_small(path, found.group(1) if found else "") if urdf else []
-        shown = ", ".join(others[:NAMED]) + (", ..." if len(others) > NAMED else "")
-        more = f"; {len(others)} more {'has' if len(others) == 1 else 'have'} such: {shown}" if others else ""
         return (
             f"{path}: {what} has an inertia that no body has: a principal moment is not above {LEAST:g} kg.m2, the "
-            f"least that MuJoCo takes{more}. Correct the numbers of its inertia: their signs, or their unit."
+            "least that MuJoCo takes. Correct the numbers of its inertia: their signs, or their unit."
         )
     if "mjMINVAL" in sentence:
         return (

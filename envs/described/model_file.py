@@ -19,7 +19,7 @@ from ..engine.numbers import RobotError
 from .model_couplings import couplings, led, unnamed
 from .model_drives import ModelDrive, both_ways, read_drives
 from .model_errors import uncompiled, unreadable
-from .model_mass import told_guessed_masses, with_total_mass
+from .model_mass import told_guessed_masses, with_total_mass, without_masses_of_shapes
 from .model_meshes import without_meshes_that_fail
 from .model_sources import SUFFIXES, check_files
 from .model_wheels import wheels_of
@@ -366,6 +366,7 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
     full.compiler.fusestatic = False  # bodies keep their names, masses and sensors
     without_meshes_that_fail(full, path, missing, said)
     with_total_mass(full, path, said)
+    without_masses_of_shapes(full, path)
     told_guessed_masses(full, path, said)
     bare = full.copy()
     for kind in ("keys", "sensors", "actuators"):

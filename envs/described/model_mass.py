@@ -38,6 +38,29 @@ def with_total_mass(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
     said.append(f"{path.name} asks for a total mass of {total:g} kg; its masses are multiplied by {factor:.4g}.")
 
 
+def without_masses_of_shapes(spec: mujoco.MjSpec, path: Path) -> None:
+    """Take their masses from links of a URDF that have no inertial and are fixed to one that has: there they have none.
+
+    MuJoCo would take their shapes for solid.
+
+    Args:
+        spec: of the model; it is changed.
+        path: of the model.
+    """
+    if path.suffix.lower() != ".urdf":
+        return
+    groups: dict[str, list[mujoco.MjsBody]] = {}
+    for body in spec.bodies[1:]:
+        first = body
+        while not first.joints and first.parent.name != "world":
+            first = first.parent
+        groups.setdefault(first.name, []).append(body)
+    for group in groups.values():
+        if any(body.explicitinertial and body.mass > 0.0 for body in group):
+            for geom in [geom for body in group if not body.explicitinertial for geom in body.geoms]:
+                geom.mass = 0.0
+
+
 def told_guessed_masses(spec: mujoco.MjSpec, path: Path, said: list[str]) -> None:
     """Say which links of a URDF have no mass of their own, and which mass MuJoCo gives them from their shapes.
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from ...actuators import Chain, load_chain
 from ...actuators.published import PREFIX, bam_file
 from ...actuators.stages.controller import UNLIMITED
-from ...common.errors import SealegsError, nearest
+from ...common.errors import WARNING, SealegsError, nearest
 from ...configs.check import checked, checked_fields
 from ..engine.numbers import RobotError
 from .model_drives import ModelDrive
@@ -25,8 +25,6 @@ from .robot_within import check_limits, check_within
 
 TIMESTEP = 0.002  # [s] with RK4 accurate to 0.1 mrad (docs/numerics.md)
 ACTION = 0.02  # [s] between two actions, into which a whole number of assumed steps goes
-WARNING = "Warning: "
-"""Beginning of a sentence that a person should not pass over."""
 APART = 3.0  # ratio of the numbers of file and chain from which a warning is due; assumed
 
 

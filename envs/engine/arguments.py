@@ -155,10 +155,10 @@ def check_values(kind: type[Task], values: Mapping[str, Any]) -> None:
     Raises:
         SealegsError: one is no number, range, or true or false, where that is taken.
     """
-    unset = [item.name for item in dataclasses.fields(kind) if item.default is None]
+    open_to_none = [name for name, annotation in get_type_hints(kind).items() if type(None) in get_args(annotation)]
     switches = [item.name for item in dataclasses.fields(kind) if isinstance(item.default, bool)]
     for name, value in values.items():
-        if value is None and name in unset:
+        if value is None and name in open_to_none:
             continue
         if name in switches:
             if not isinstance(value, bool):

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from ...common.errors import SealegsError
+from ...common.errors import WARNING, SealegsError
 from ..any_robot.reach import ReachTask
 from ..described.as_robot import as_robot
-from ..described.robot_assembly import WARNING, between_actions
+from ..described.robot_assembly import between_actions
 from ..described.robot_described import RobotFile
 from ..described.robot_step import SHORTEST, engine_number, said_again, weak
 from ..engine.batch import BatchEngine

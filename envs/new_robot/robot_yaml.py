@@ -18,10 +18,10 @@ from ...actuators import load_chain
 from ...actuators.chain import names as names_of_chains
 from ...actuators.stages.controller import UNLIMITED
 from ...common.atomic import write_text
-from ...common.errors import SealegsError
+from ...common.errors import WARNING, SealegsError
 from ..described.as_robot import as_robot
 from ..described.model_file import UNITS, ModelFile, read_model
-from ..described.robot_assembly import WARNING, assembled
+from ..described.robot_assembly import assembled
 from ..described.robot_assumed import motor_note, reduction_note, tied_note
 from ..described.robot_choice import chosen, none_to_drive, passive, passive_sentence
 from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile
@@ -173,12 +173,12 @@ def _ground(robot: RobotFile) -> str:
             f"floor: {{friction: {robot.floor.friction:g}}}   # level, at height 0; its sliding friction, assumed"
         )
     if robot.height is not None:
-        lines.append(f"height: {robot.height:g}   # of the base where episodes start [m]")
+        lines.append(f"height: {_number(robot.height)}   # of the base where episodes start [m]")
     if robot.exclude:
         lines.append(f"exclude: {_flow([list(pair) for pair in robot.exclude])}   # bodies that never touch")
     if robot.base == "free":
-        seat, what = seat_of_imu(as_robot(robot)), "rate, delay, noise and bias as in the page An IMU, assumed"
-        lines.append(f"imu: {_flow(seat)}   # {what}" if seat else "# imu: {}   # if it has one on its base: " + what)
+        what = "rate, delay, noise and bias as in the page An IMU, assumed; remove the line if it has none"
+        lines.append(f"imu: {_flow(seat_of_imu(as_robot(robot)))}   # on its base: {what}")
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -288,7 +288,7 @@ def _joint(number: int, joint: FileJoint, chain: str | None, belt: dict[str, flo
             continue
         lines.append(f"    {key}: {owner}   # chain or file; the file has {value:g} {units[key]}")
     start = round(joint.start, 6) if joint.by_speed else min(max(round(joint.start, 6), low), high)
-    lines.append(f"    start: {start:.10g}   # of episodes [{position}]")
+    lines.append(f"    start: {_number(start)}   # of episodes [{position}]")
     lines.append("    unknown: []   # what nobody measured: zero, direction, friction, armature, motor, load")
     lines.append(f"    servo: {{id: {number}}}   # and zero: its step at 0, direction: 1 or -1")
     return "\n".join(lines) + "\n"
@@ -300,6 +300,11 @@ def _flow(value: Any) -> str:
     return yaml.safe_dump(
         value, allow_unicode=True, default_flow_style=True, width=float("inf"), sort_keys=False
     ).strip()
+
+
+def _number(value: float) -> str:
+    """A number as YAML reads it back: not 4e-05, which is a word there."""
+    return _flow([float(value)])[1:-1]
 
 
 # --- names of joints, and those that logs or the command line cannot take --------------------------------------------

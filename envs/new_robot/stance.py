@@ -15,10 +15,9 @@ import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
-from ...common.errors import SealegsError
+from ...common.errors import WARNING, SealegsError
 from ..any_robot.reach import ReachTask
 from ..described.as_robot import as_robot, bare_model
-from ..described.robot_assembly import WARNING
 from ..described.robot_described import FileJoint, RobotFile
 from ..described.robot_entries import FloorEntry
 from ..described.robot_step import said_again, scaled, settled
@@ -122,11 +121,11 @@ def _on_legs(robot: RobotFile) -> tuple[RobotFile, str]:
         best = standing if best is None else best
         if _stands(standing):
             pose = f"it stands {SECONDS:g} s at a height of {stance.height:.3g} m"
-            return standing, f"{where} {held}: base is free, with a floor, and {pose} on its servos."
+            return standing, f"{where} {held}: base is free, with a floor and an IMU, and {pose} on its servos."
     assert best is not None
     return best, (
-        f"{WARNING}{where} {held}: base is free, with a floor, but it stands {SECONDS:g} s on its servos in no pose "
-        "that was tried; give start and height of one that does, or stronger chains."
+        f"{WARNING}{where} {held}: base is free, with a floor and an IMU, but it stands {SECONDS:g} s on its servos in "
+        "no pose that was tried; give start and height of one that does, or stronger chains."
     )
 
 

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...actuators.stages.controller import UNLIMITED
+from ...common.errors import WARNING
 from ...envs.described.model_file import UNITS
-from ...envs.described.robot_assembly import WARNING
 from ...envs.described.robot_described import HINGES, SLIDES, FileJoint, RobotFile
 from ...envs.described.robot_within import TURN
 from ...envs.described.urdf_text import urdf_speeds

@@ -50,6 +50,12 @@ def test_a_joint_whose_name_yaml_reads_as_something_else_stands_in_quotes(name: 
     assert [joint.name for joint in load_robot_file(tmp_path / "arm.yaml").joints] == [name]
 
 
+def test_a_small_number_of_the_model_is_a_number_in_the_yaml(tmp_path: Path) -> None:
+    """-4e-05 is a word in YAML: a public humanoid got no file after a minute of work."""
+    new_robot.main([str(arm(tmp_path, start="-4e-5"))])
+    assert load_robot_file(tmp_path / "arm.yaml").joints[0].start == -4e-5
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("file", ["a: b/arm.xml", "a #b/arm.xml", "8.xml"])
 def test_a_path_that_yaml_reads_as_something_else_stands_in_quotes(file: str, tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ def test_a_robot_on_legs_gets_a_free_base_a_floor_and_a_pose_in_which_it_stands(
 ) -> None:
     path, said = written(tmp_path, text, capsys)
     row = yaml.safe_load(path.read_text())
-    assert row["base"] == "free" and row["floor"] == {"friction": 1.0} and row["height"] > 0.1
+    assert row["base"] == "free" and row["floor"] == {"friction": 1.0} and row["height"] > 0.1 and row["imu"] == {}
     assert "legs hang in the air" in said and "it stands 5 s" in said
     sunk, turned = stood(path)
     assert abs(sunk) < 0.01 and turned < 0.05

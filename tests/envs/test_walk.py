@@ -14,6 +14,7 @@ import pytest
 import sealegs
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from sealegs.actuators import load_chain
+from sealegs.agents.config import read_config
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
 from sealegs.envs.any_robot.walk import WalkTask
@@ -167,6 +168,30 @@ def test_a_robot_that_cannot_walk_is_told_what_it_lacks(tmp_path: Path) -> None:
     flying.write_text(text)
     with pytest.raises(SealegsError, match="has no two feet on its floor where episodes start"):
         sealegs.make_env("walk", robot=str(flying))
+
+
+def test_what_is_left_open_follows_from_the_size_of_the_robot() -> None:
+    """With the quadruped's numbers a robot twice as high tripped, and one on two feet was asked for what it cannot."""
+    own, small = WalkTask(cadence=None).sizes, WalkTask.on("small_biped")(cadence=None).sizes
+    assert (own.forward, own.turn, own.cadence, own.lift) == ((-0.2, 0.3), (-0.6, 0.6), 2.5, 0.02)
+    assert small.lift < 0.5 * own.lift and small.cadence < own.cadence
+    engine = BatchEngine(WalkTask(cadence=None, lift=0.01), 1)
+    assert (engine.fitted["cadence"], engine.task.lift) == (2.5, 0.01)
+    asked = engine.task.commands(np.random.default_rng(0).random((99, WalkTask.draws)))
+    assert asked[:, 0].min() >= -0.2 and 0.2 < asked[:, 0].max() <= 0.3
+
+
+def test_numbers_of_the_quadruped_in_the_config_of_the_task_are_not_those_of_another_robot() -> None:
+    """Its step of 4 ms was: 14 of 16 public robots were refused, as their chains are unstable there."""
+
+    def params(*arguments: str) -> dict[str, Any]:
+        config = read_config(["env=walk", *arguments]).config
+        assert config is not None
+        return config.env["params"]
+
+    assert params() == params("robot=quadruped") == {"timestep": 0.004}
+    assert params("robot=small_biped") == {}
+    assert params("robot=small_biped", "env.params.timestep=0.001") == {"timestep": 0.001}
 
 
 # --- what a task sees of the world ----------------------------------------------------------------------------------
