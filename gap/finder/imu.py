@@ -236,7 +236,9 @@ class _Beside:
 def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
     """The turn (3,) [rad] that makes what was measured what the legs ask for, and its standard deviation.
 
-    The turn rates tell it about all axes, gravity about the level ones, each weighed by what it leaves.
+    The turn rates tell it about all axes, gravity about the level ones, each weighed by what it leaves. About the
+    vertical its deviation is the crosstalk of the level axes at least: where feet slip or the robot trips, what the
+    legs ask for is off in many ways, of which a turn is only one.
     """
 
     def solved(chosen: Sequence[_Rows]) -> np.ndarray:
@@ -258,4 +260,18 @@ def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
 
     random = np.random.default_rng(0)
     drawn = [solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(TURN_DRAWS)]
-    return -solved(blocks), np.std(drawn, axis=0)
+    turned, spread = solved(blocks), np.std(drawn, axis=0)
+    spread[2] = max(spread[2], _crosstalk(blocks))
+    return -turned, spread
+
+
+def _crosstalk(blocks: Sequence[_Rows]) -> float:
+    """How much of a rate about one level axis goes into the other beside what a turn makes of it [rad].
+
+    It is that of the linear map which takes the rates that the legs ask for to what was measured.
+    """
+    measured, asked = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("rate", "asked_rate"))
+    mapped = np.linalg.lstsq(asked, measured, rcond=None)[0].T
+    left, _, right = np.linalg.svd(mapped)
+    stretch = (left @ right).T @ mapped
+    return float(abs(stretch[0, 1]))

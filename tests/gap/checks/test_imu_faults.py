@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.checks.imu import check_imu, imu_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.finder.imu import diagnose_imu
+from sealegs.gap.ground.carried import Carried
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
@@ -95,6 +97,26 @@ def test_rows_without_a_new_sample_and_samples_of_another_time_are_no_fault() ->
 def test_a_log_without_an_imu_says_nothing_of_one() -> None:
     run = rocking(BoughtImu())
     assert check_imu([replace(run, base={"z": np.zeros(len(run.time))})]) == ([], False)
+
+
+@pytest.mark.parametrize(("slipping", "told"), [(0.0, True), (0.7, False)])
+def test_a_turn_about_the_vertical_is_told_only_where_it_is_all_that_is_off(
+    slipping: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where feet slipped, rolling went into pitching: two walks with a right IMU were told that it is turned."""
+    run = rocking(BoughtImu(mount=Rotation.from_euler("z", 0.0 if slipping else 12.0, degrees=True)))
+    log = imu_of(run)
+    assert log is not None
+    angles = Rotation.from_quat(log.orientation, scalar_first=True).as_rotvec()
+    if slipping:
+        angles[:, 1] += slipping * angles[:, 0]
+    else:
+        angles = Rotation.from_euler("z", -12.0, degrees=True).apply(angles)
+    asked = Carried(log.time, Rotation.from_rotvec(angles).as_quat(scalar_first=True))
+    monkeypatch.setattr("sealegs.gap.finder.imu.robot_under", lambda run: SimpleNamespace(imu=None))
+    monkeypatch.setattr("sealegs.gap.finder.imu.carried", lambda robot, run, frames: asked)
+    found = diagnose_imu([run], {}, lambda text: None)
+    assert any("about z" in finding.sentence for finding in found.findings) == told, found.sentence
 
 
 # --- beside the legs -------------------------------------------------------------------------------------------------
