@@ -7,7 +7,7 @@ from dataclasses import replace
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
 from .cause import Cause, Ceiling, Limit, Needs
-from .registry import both, entry, follows_goals, follows_positions, has, has_any, impedance, lacks, stall_torque
+from .registry import alone, both, entry, follows_goals, follows_positions, has, has_any, impedance, lacks, stall_torque
 
 PER_COMMAND = Parameter("scale.factor", "1", 0.3, 3.0, 1.0, 0.1, logarithmic=True)
 LOOPS = ("position_p", "position_pd", "position_pi")
@@ -73,12 +73,12 @@ def derivative(nominal: JointModel) -> Cause:
 def delay(nominal: JointModel) -> Cause:
     believed = nominal.value("delay.seconds")
     # the response has steps of its own, a sample each, so that a fit from afar may end between them
-    delays = [Parameter("delay.seconds", "s", 0.0, 0.2, believed + more, 0.004) for more in (0.008, 0.002)]
+    late = Parameter("delay.seconds", "s", 0.0, 0.2, believed, 0.004)
     return Cause(
         sentence="Commands take effect at another time than the model believes.",
         signature="lag",
         picture="response",
-        variants=tuple((seconds,) for seconds in delays),
+        variants=alone(late, believed + 0.008, believed + 0.002),
         error=has("delay")(nominal),
     )
 
@@ -86,15 +86,12 @@ def delay(nominal: JointModel) -> Cause:
 @entry("drive.rate_limit", follows_positions)
 def rate_limit(nominal: JointModel) -> Cause:
     del nominal
-    speeds = [
-        Parameter("rate_limit.speed", "rad/s", 0.05, 500.0, start, 0.2, logarithmic=True)
-        for start in (1.5, 5.0, 15.0, 45.0)
-    ]
+    speed = Parameter("rate_limit.speed", "rad/s", 0.05, 500.0, 1.5, 0.2, logarithmic=True)
     return Cause(
         sentence="The firmware moves its goal no faster than a limit.",
         signature="lag",
         picture="response",
-        variants=tuple((speed,) for speed in speeds),
+        variants=alone(speed, 1.5, 5.0, 15.0, 45.0),
         degenerates_to=Limit("drive.delay", "all steps of the goal are alike"),
     )
 
@@ -102,17 +99,15 @@ def rate_limit(nominal: JointModel) -> Cause:
 @entry("drive.acceleration_limit", follows_positions)
 def acceleration_limit(nominal: JointModel) -> Cause:
     """Of a goal profile; the register of Feetech's servos reaches from 0.15 to 39 rad/s2."""
-    limits = [
-        Parameter("rate_limit.acceleration", "rad/s2", 0.15, 5e4, start, 0.2, logarithmic=True)
-        for start in (5.0, 30.0, 300.0)
-    ]
-    alone: list[tuple[Parameter, ...]] = [(limit,) for limit in limits]
-    together = [(limit, *gain) for gain in _stiffer_loop(nominal) for limit in limits[1:]]  # they only pay together
+    limits = alone(
+        Parameter("rate_limit.acceleration", "rad/s2", 0.15, 5e4, 5.0, 0.2, logarithmic=True), 5.0, 30.0, 300.0
+    )
+    together = [(*limit, *gain) for gain in _stiffer_loop(nominal) for limit in limits[1:]]  # they only pay together
     return Cause(
         sentence="The firmware speeds its goal up no faster than a limit.",
         signature="lag",
         picture="response",
-        variants=(*alone, *together),
+        variants=(*limits, *together),
         degenerates_to=Limit("drive.rate_limit", "the goal only jumps, and always as far"),
     )
 
@@ -122,15 +117,13 @@ def goal_filter(nominal: JointModel) -> Cause:
     """In the firmware or by the host, whose steps make the goal come earlier by half of its period."""
     # the steps of a slower one show in the log; with longer ones this stood in for half of a public arm's motor
     period = Parameter("goal_filter.period", "s", 0.0, 0.04, 0.005, 0.004)
-    alone: list[tuple[Parameter, ...]] = [
-        (Parameter("goal_filter.time_constant", "s", 0.0, 1.0, start, 0.004), period) for start in (0.05, 0.008)
-    ]
-    together = [(*alone[0], *gain) for gain in _stiffer_loop(nominal)]
+    filters = alone(Parameter("goal_filter.time_constant", "s", 0.0, 1.0, 0.05, 0.004), 0.05, 0.008)
+    together = [(*filters[0], period, *gain) for gain in _stiffer_loop(nominal)]
     return Cause(
         sentence="Firmware or host smooths the goal before the controller sees it.",
         signature="lag",
         picture="response",
-        variants=(*alone, *together),
+        variants=(*((*constant, period) for constant in filters), *together),
         degenerates_to=Limit("drive.delay", "the goal never jumps and moves slowly"),
     )
 
@@ -138,25 +131,21 @@ def goal_filter(nominal: JointModel) -> Cause:
 @entry("drive.deadband", follows_goals)
 def deadband(nominal: JointModel) -> Cause:
     unit = "rad/s" if nominal.command == "goal_velocity" else "rad"
-    widths = [Parameter("dead_band.width", unit, 0.0, 0.3, start, 0.003) for start in (0.006, 0.03)]
     return Cause(
         sentence="The controller ignores errors below a width.",
         picture="duty_against_error",
-        variants=tuple((width,) for width in widths),
+        variants=alone(Parameter("dead_band.width", unit, 0.0, 0.3, 0.006, 0.003), 0.006, 0.03),
     )
 
 
 @entry("drive.saturation", has_any("supply", "regression"))
 def saturation(nominal: JointModel) -> Cause:
     top = nominal.value("duty_limit.limit")
-    limits = [
-        Parameter("duty_limit.limit", "1", 0.02, 1.0, start * top, 0.1, logarithmic=True)
-        for start in (0.95, 0.8, 0.5, 0.25)
-    ]
+    limit = Parameter("duty_limit.limit", "1", 0.02, 1.0, top, 0.1, logarithmic=True)
     return Cause(
         sentence="The duty saturates earlier than the model believes.",
         picture="duty_against_error",
-        variants=tuple((limit,) for limit in limits),
+        variants=alone(limit, *(share * top for share in (0.95, 0.8, 0.5, 0.25))),
         refuted_by=Ceiling("duty", "duty_limit.limit"),
     )
 
@@ -179,11 +168,10 @@ def offset(nominal: JointModel) -> Cause:
 @entry("drive.minimum_duty", has("supply"))
 def minimum_duty(nominal: JointModel) -> Cause:
     del nominal
-    duties = [Parameter("minimum_duty.value", "1", 0.0, 0.6, start, 0.02) for start in (0.04, 0.12)]
     return Cause(
         sentence="The firmware raises small duties to a minimum start-up force.",
         picture="duty_against_error",
-        variants=tuple((duty,) for duty in duties),
+        variants=alone(Parameter("minimum_duty.value", "1", 0.0, 0.6, 0.04, 0.02), 0.04, 0.12),
         degenerates_to=Limit("friction.coulomb", "the joint moves all the time"),
     )
 
@@ -206,14 +194,12 @@ def overload(nominal: JointModel) -> Cause:
     believed = nominal.value("torque_limit.limit") if nominal.chain.find("torque_limit") else top
     most = 1.2 * max(top, believed)
     starts = [share * believed for share in (0.8, 0.5, 0.25, 1.6) if share * believed < most]
-    limits = [
-        Parameter("torque_limit.limit", "N.m", 0.02 * believed, most, start, 0.1, logarithmic=True) for start in starts
-    ]
+    limit = Parameter("torque_limit.limit", "N.m", 0.02 * believed, most, believed, 0.1, logarithmic=True)
     return Cause(
         sentence="The firmware limits the torque.",
         picture="response",
         against="motor torque",
-        variants=tuple((limit,) for limit in limits),
+        variants=alone(limit, *starts),
         error=has("torque_limit")(nominal),
         degenerates_to=Limit("drive.saturation", "the torque is largest at one speed"),
     )
@@ -222,14 +208,13 @@ def overload(nominal: JointModel) -> Cause:
 @entry("drive.integer_gain", both(has("supply"), lacks("duty_step")))
 def integer_gain(nominal: JointModel) -> Cause:
     del nominal
-    down = [
-        Parameter("duty_step.size", "1", 0.0, 0.4, start, 0.02) for start in (0.005, 0.0085, 0.0145, 0.025, 0.042, 0.07)
-    ]
+    step = Parameter("duty_step.size", "1", 0.0, 0.4, 0.005, 0.02)
+    down = alone(step, 0.005, 0.0085, 0.0145, 0.025, 0.042, 0.07)
     mode = Parameter("duty_step.towards_zero", "1", 0.9, 1.0, 1.0, 1.0, shape=True)
     return Cause(
         sentence="The firmware computes the duty in coarse steps.",
         picture="duty_against_error",
-        variants=(*((size,) for size in down), *((size, mode) for size in down)),
+        variants=(*down, *((*size, mode) for size in down)),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from .cause import Cause, Limit, Needs
-from .registry import entry, number, stall_torque
+from .registry import alone, entry, number, stall_torque
 
 SHOWN = Needs(torque=True)  # along a prescribed motion, friction is in the torque alone
 RIPPLE_COUNTS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 18, 20, 24)
@@ -106,15 +106,11 @@ def load_dependent(nominal: JointModel) -> Cause:
 @entry("friction.presliding")
 def presliding(nominal: JointModel) -> Cause:
     top = stall_torque(nominal)
-    low, high = 0.05 * top, 50.0 * top
-    bristles = [
-        Parameter(BRISTLE, "N.m/rad", low, high, start * top, 0.3, logarithmic=True, rigid_at_zero=True)
-        for start in (0.4, 2.0, 8.0)
-    ]
+    bristles = Parameter(BRISTLE, "N.m/rad", 0.05 * top, 50.0 * top, top, 0.3, logarithmic=True, rigid_at_zero=True)
     return Cause(
         sentence="A joint that sticks gives way like a spring before it slips.",
         picture="error_since_reversal",
-        variants=tuple((stiffness,) for stiffness in bristles),
+        variants=alone(bristles, 0.4 * top, 2.0 * top, 8.0 * top),
         signature="reversal",
         needs=SHOWN,
         degenerates_to=Limit("friction.coulomb", "the joint never rests", BRISTLE),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from ...common.errors import SealegsError
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, address, factor
-from .cause import Cause
+from .cause import Cause, Variant
 
 Applies = Callable[[JointModel], bool]
 Make = Callable[[JointModel], Cause]
@@ -110,6 +110,11 @@ def number(nominal: JointModel, path: str, unit: str, low: float, high: float, s
     if known and low < value < high:
         return factor(path, max(low / value, 0.02), min(high / value, 50.0), 0.15)
     return Parameter(path, unit, low, high, start, scale)
+
+
+def alone(parameter: Parameter, *starts: float) -> tuple[Variant, ...]:
+    """Ways in which a parameter acts alone, from each of several starts."""
+    return tuple((replace(parameter, start=start),) for start in starts)
 
 
 def stall_torque(nominal: JointModel) -> float:

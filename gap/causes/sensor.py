@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
 from .cause import Cause, Limit
-from .registry import entry
+from .registry import alone, entry
 
 
 @entry("sensor.offset")
@@ -56,10 +56,8 @@ def of_torque_column(start: float, reach: float, size: float) -> list[Cause]:
         reach: largest delay that is tried [s].
         size: of the torque (rms) [N.m].
     """
-    delays = [Parameter("torque.delay", "s", -reach, reach, min(max(at, -reach), reach), 0.003)
-              for at in dict.fromkeys((start, 0.005, -0.005))]  # fmt: skip
+    delays = [min(max(at, -reach), reach) for at in dict.fromkeys((start, 0.005, -0.005))]
     shift = Parameter("torque.offset", "N.m", -5.0 * size, 5.0 * size, 0.05 * size, 0.02 * size)
-    scales = [Parameter("torque.scale", "1", -10.0, 10.0, at, 0.05) for at in (1.0, -1.0)]
     return [
         Cause(
             name="sensor.offset",
@@ -73,7 +71,7 @@ def of_torque_column(start: float, reach: float, size: float) -> list[Cause]:
             name="sensor.scale",
             sentence="The torque column reads more or less than the torque.",
             picture="residual_against_position",
-            variants=tuple((factor,) for factor in scales),
+            variants=alone(Parameter("torque.scale", "1", -10.0, 10.0, 1.0, 0.05), 1.0, -1.0),
             error=True,
             of_column=True,
         ),
@@ -82,7 +80,7 @@ def of_torque_column(start: float, reach: float, size: float) -> list[Cause]:
             sentence="Torque and motion were not read at the same time: the torque column is late, or early where the "
             "delay is below zero.",
             picture="response",
-            variants=tuple((delay,) for delay in delays),
+            variants=alone(Parameter("torque.delay", "s", -reach, reach, 0.0, 0.003), *delays),
             error=True,
             of_column=True,
         ),

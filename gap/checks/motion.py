@@ -8,7 +8,7 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
-from ..log.types import FACTOR
+from ..log.types import FACTOR, TURN_IN_UNITS
 from .context import JointContext
 from .signal import FOLLOWS_SHARE, MIN_SAMPLES, same_unit
 
@@ -27,8 +27,6 @@ VELOCITY_UNITS = {
     "revolutions per second": 1.0 / FACTOR["turn/s"],
 }
 """How many of each are one rad/s."""
-TURN_IN_UNITS = {"rad": FULL_TURN, "deg": 360.0, "turn": 1.0}
-"""A whole turn in each unit of an angle."""
 UNIT_TOLERANCE = 0.05  # of a ratio: a gear of another ratio is none
 WHOLE_TURN_MARGIN = 0.5
 """Angle [rad] around whole turns within which a joint is where it was sent, on another turn."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..causes.catalogue import checked
 from ..causes.cause import Cause
+from ..causes.registry import alone
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B, PARTS
 from ..replay.parameters import Parameter
@@ -93,18 +94,10 @@ def ground_causes(
         names: of the causes to consider; default: all of them.
         damped: whether the damping of soft ground is fitted with it; else it is tuned in every fit.
     """
-    friction = [
-        (Parameter("contact.friction", "1", 0.05, 4.0, start, 0.2, logarithmic=True, factor=True),)
-        for start in (0.4, 0.8)
-    ]
+    friction = Parameter("contact.friction", "1", 0.05, 4.0, 0.4, 0.2, logarithmic=True, factor=True)
     damping = Parameter("contact.damping", "N.s/m", 1.0, 300.0, 20.0, 0.4, logarithmic=True, shape=True)
-    gives = [
-        (
-            Parameter("contact.stiffness", "N/m", 200.0, stiffest, start, 0.3, logarithmic=True),
-            *((damping,) if damped else ()),
-        )
-        for start in stiffness
-    ]
+    soft_ground = Parameter("contact.stiffness", "N/m", 200.0, stiffest, stiffness[0], 0.3, logarithmic=True)
+    gives = [(*variant, damping) if damped else variant for variant in alone(soft_ground, *stiffness)]
     slope = tuple(Parameter(name, "rad", -0.4, 0.4, 0.0, 0.01) for name in slopes)
     every = [
         Cause(
@@ -113,7 +106,7 @@ def ground_causes(
             picture="stance",
             against=shown["contact.friction"],
             plausible={"contact.friction*": 0.5},
-            variants=tuple(friction),
+            variants=alone(friction, 0.4, 0.8),
             error=True,
         ),
         Cause(

@@ -90,6 +90,10 @@ FACTOR: Mapping[str, float] = MappingProxyType({unit: _factor(text) for unit, te
 """The same as a number."""
 
 
+TURN_IN_UNITS: Mapping[str, float] = MappingProxyType({"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0})
+"""A whole turn in each unit of an angle."""
+
+
 def factors(*units: str) -> dict[str, float]:
     """The factors of some units."""
     return {unit: FACTOR[unit] for unit in units}

@@ -11,13 +11,13 @@ from ...actuators.stages.controller import Ideal
 from ...envs.robots import robot_meant
 from ..checks.data_set import check_set, corrected, merged, unusable
 from ..checks.drive import released
-from ..checks.motion import MAX_STOPPED_ANGLE, TURN_IN_UNITS, steps_of_a_turn
+from ..checks.motion import MAX_STOPPED_ANGLE, steps_of_a_turn
 from ..checks.signal import quantisation_step, same_unit
 from ..load.robot import Machine
 from ..load.units import POSITIONS, in_model_units
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.types import BESIDE_GOAL, Array, JointLog, LogError, MeasuredRun, MeasuredSet
+from ..log.types import BESIDE_GOAL, TURN_IN_UNITS, Array, JointLog, LogError, MeasuredRun, MeasuredSet
 from .columns import check_robot, commanded
 from .pieces import chain_of
 

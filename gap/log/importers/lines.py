@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..types import SIGNAL_UNITS, Array, LogError
+from ..types import SIGNAL_UNITS, TURN_IN_UNITS, Array, LogError
 from .expression import names_in, quoted
-from .motion import LONGEST_LAG, MOTION_WINDOW, TURN_IN_UNIT, Relation, encoder, move_apart, span, whole_numbers
+from .motion import LONGEST_LAG, MOTION_WINDOW, Relation, encoder, move_apart, span, whole_numbers
 from .names import Claim, is_a, words_of
 from .recording import LARGEST_EXACT
 from .units import TEMPERATURES, WORDS, measure, measures, unit_of
@@ -212,7 +212,7 @@ def position_line(one: Position, unit: str, by: str) -> Line:
     if line := of_dialect(one.claim):
         return line
     name, shown, found = one.claim.column, reach(one.values), encoder(one.values)
-    whole = whole_numbers(one.values) and TURN_IN_UNIT["deg"] < span(one.values) < LARGEST_EXACT
+    whole = whole_numbers(one.values) and TURN_IN_UNITS["deg"] < span(one.values) < LARGEST_EXACT
     says = f"{by} says {unit}; {shown}"
     if unit == "m" and by == "the name" and span(one.values) > MOST_WAY:
         ask = "m of a slide (unit=m), or the angle of a motor that the name means (unit=deg, unit=rad)?"
@@ -290,7 +290,7 @@ def position_lines(found: Sequence[Position], unit: str | None, source: Path) ->
     """
     lines = {one.claim.column: position_line(one, one.claim.unit, one.claim.by) for one in found}
     registers = [one for one in found if one.register]
-    if any(one.high > TURN_IN_UNIT["deg"] for one in registers):  # further than degrees
+    if any(one.high > TURN_IN_UNITS["deg"] for one in registers):  # further than degrees
         lines |= {one.claim.column: _counted(one) for one in registers}
     alone = all(one.of_gripper for one in found)  # else a gripper may be in a unit of its own
     alike = [one for one in found if lines[one.claim.column].open and (alone or not one.of_gripper)]

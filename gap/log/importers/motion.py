@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..types import MIN_CHANGES, Array
+from ..types import MIN_CHANGES, TURN_IN_UNITS, Array
 
-TURN_IN_UNIT = {"rad": 2.0 * math.pi, "deg": 360.0, "turn": 1.0}
-"""One turn in each unit of an angle."""
 STEP_TOLERANCE = 5e-5
 MOTION_WINDOW = 0.1  # [s] over which motion is compared with the integral of its derivative
 LONGEST_LAG = 0.6  # [s]
@@ -52,7 +50,7 @@ def encoder(values: Array) -> tuple[str, int] | None:
     step = _grid(values)
     if step <= 0.0 or abs(step - round(step, 3)) < 1e-9 * step:
         return None
-    turns = ((unit, counts, turn) for unit, turn in TURN_IN_UNIT.items() for bits in range(8, 19)
+    turns = ((unit, counts, turn) for unit, turn in TURN_IN_UNITS.items() for bits in range(8, 19)
              for counts in (2**bits, 2**bits - 1)[: 2 if bits < 15 else 1])  # fmt: skip
     return next((one[:2] for one in turns if abs(step * one[1] / one[2] - 1.0) < STEP_TOLERANCE), None)
 

@@ -8,9 +8,26 @@ from matplotlib.figure import Figure
 from ...measure.named import NamedCause
 from ...search.structure import told_in
 from ..numbers import LAYOUT
-from .binned import bins, cloud, draw_measured, draw_model, draw_models, equal_counts, equal_widths, filled, limits
 from .evidence import Evidence
-from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
+from .style import (
+    BOTH,
+    EXTENDED,
+    MEASURED,
+    NOMINAL,
+    bins,
+    cloud,
+    draw_measured,
+    draw_model,
+    draw_models,
+    equal_counts,
+    equal_widths,
+    figure,
+    filled,
+    legend_above,
+    limits,
+    plot,
+    styled,
+)
 from .timeline import timeline, worst_window
 
 UNITS = {"speed": "rad/s", "control error": "rad", "motor torque": "N.m", "acceleration": "rad/s2", "position": "rad"}
@@ -41,7 +58,7 @@ def response(evidence: Evidence, cause: NamedCause) -> Figure:
     values = _variable(evidence, what)
     rows = evidence.motion.judged & np.isfinite(values)
     edges = equal_counts(values[rows], 24)
-    for name, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+    for name, colour in BOTH:
         error = factor * (evidence.problem.measured[:, 0] - evidence.diagnosis.simulated[name][:, 0])
         draw_model(against, bins(values[rows], error[rows], edges), None, colour)
     against.axhline(0.0, color=MEASURED, lw=0.9)
@@ -59,8 +76,7 @@ def duty_against_error(evidence: Evidence, cause: NamedCause) -> Figure:
     error = _variable(evidence, "control error")
     measured, nominal = evidence.extended, evidence.nominal
     duty = motion.duty is not None and measured.source in ("current", "duty")
-    chart = figure()
-    axes = chart.subplots()
+    chart, axes = plot()
     if duty:
         logged = problem.measured[:, 2]
         models = (nominal.duty, measured.duty)
@@ -88,8 +104,7 @@ def duty_against_error(evidence: Evidence, cause: NamedCause) -> Figure:
 def voltage_against_current(evidence: Evidence, cause: NamedCause) -> Figure:
     """Voltage of the supply over the current that it gives."""
     motion, measured, nominal = evidence.motion, evidence.extended, evidence.nominal
-    chart = figure()
-    axes = chart.subplots()
+    chart, axes = plot()
     duty = motion.duty if motion.duty is not None else measured.duty
     current = motion.current if motion.current is not None else measured.current
     drawn = np.maximum(duty * current, 0.0)
@@ -122,8 +137,7 @@ def residual_against_temperature(evidence: Evidence, cause: NamedCause) -> Figur
     warm = evidence.problem.temperature[use]
     ratio, model = (torque[use] / nominal.motor[use] for torque in (needed, measured.motor))
     edges = _degrees(warm)
-    chart = figure()
-    axes = chart.subplots()
+    chart, axes = plot()
     cloud(axes, warm, ratio)
     axes.axhline(1.0, color=NOMINAL, label="nominal model")
     draw_model(axes, bins(warm, model, edges), "extended model", EXTENDED)

@@ -12,7 +12,7 @@ from ...measure.named import NamedCause
 from ...measure.signatures import SIGNATURE_LIMITS, Signature
 from ...verdict.verdict import JointDiagnosis
 from .evidence import Evidence
-from .style import EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
+from .style import BOTH, EXTENDED, MEASURED, NOMINAL, figure, legend_above, styled
 
 WORDS = {
     "x": "way of the base along x",
@@ -47,13 +47,13 @@ def stance(evidence: Evidence, cause: NamedCause) -> Figure:
     one, all_ = chart.subplots(2, 1)
     zero = problem.measured[worst[0], column] if shown.rpartition(".")[2] in ("x", "y", "yaw") else 0.0
     time = 1e3 * (problem.time[worst] - problem.time[worst[0]])
-    for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+    for model, colour in BOTH:
         path = problem.measured[worst, column] + errors[model][worst] - zero
         one.plot(time, factor * path, color=colour, label=f"{model} model")
     one.plot(time, factor * (problem.measured[worst, column] - zero), ".", color=MEASURED, ms=4, label="measured")
     one.set_ylabel(f"{WORDS.get(shown.rpartition('.')[2], shown)} [{unit}]")
     legend_above(one)
-    for model, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+    for model, colour in BOTH:
         for k, row in enumerate(rows):
             at = 1e3 * (problem.time[row] - problem.time[row[0]])
             label = f"{model} model, every piece" if k == 0 else None

@@ -9,9 +9,19 @@ from matplotlib.figure import Figure
 from ...load.tree import NEGLIGIBLE_SIZE
 from ...measure.named import NamedCause
 from ...replay.parameters import address
-from .binned import bins, cloud, draw_measured, draw_models, equal_counts, equal_widths, limits
 from .evidence import Balance, Evidence
-from .style import figure, legend_above, styled
+from .style import (
+    bins,
+    cloud,
+    draw_measured,
+    draw_models,
+    equal_counts,
+    equal_widths,
+    legend_above,
+    limits,
+    plot,
+    styled,
+)
 
 SOURCES = {
     "current": "motor torque from the logged current",
@@ -25,7 +35,7 @@ def friction_against_speed(evidence: Evidence, cause: NamedCause) -> Figure:
     """Friction torque over speed, both directions."""
     measured, nominal = evidence.extended, evidence.nominal
     use = evidence.motion.moving
-    chart, axes = _axes()
+    chart, axes = plot()
     speed = measured.speed[use]
     friction = measured.observed_friction[use]
     cloud(axes, speed, friction)
@@ -50,7 +60,7 @@ def residual_against_load(evidence: Evidence, cause: NamedCause) -> Figure:
     """Dry friction over the torque that passes through the gearbox."""
     measured, nominal = evidence.extended, evidence.nominal
     use = evidence.motion.moving
-    chart, axes = _axes()
+    chart, axes = plot()
     load, dry = measured.load[use], _dry(measured)[use]
     cloud(axes, load, dry)
     edges = equal_counts(load, 16)
@@ -76,7 +86,7 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
     use = motion.moving
     reading = motion.position[use]
     edges = equal_widths(reading, 32)
-    chart, axes = _axes()
+    chart, axes = plot()
     if any(address(path).owner == "friction" for path in cause.parameters):
         seen, models = _dry(measured), (nominal.limit, measured.limit)
         axes.set_ylabel(f"dry friction {evidence.effort}")
@@ -94,11 +104,6 @@ def residual_against_position(evidence: Evidence, cause: NamedCause) -> Figure:
     axes.set_ylim(*limits(seen[use]))
     axes.set_xlabel(f"position reading [{axis.unit('rad')}]")
     return _finish(chart, axes, measured)
-
-
-def _axes() -> tuple[Figure, Axes]:
-    chart = figure()
-    return chart, chart.subplots()
 
 
 def _dry(measured: Balance) -> np.ndarray:

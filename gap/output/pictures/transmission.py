@@ -10,9 +10,22 @@ from ...measure.named import NamedCause
 from ...replay.constants import K
 from ...replay.joint_model import JointModel
 from ...replay.simulator import coupling_torque
-from .binned import bins, cloud, draw_measured, draw_model, equal_counts, limits
 from .evidence import Evidence
-from .style import EXTENDED, NOMINAL, figure, legend_above, styled
+from .style import (
+    BOTH,
+    EXTENDED,
+    NOMINAL,
+    bins,
+    cloud,
+    draw_measured,
+    draw_model,
+    equal_counts,
+    figure,
+    legend_above,
+    limits,
+    plot,
+    styled,
+)
 
 FORWARD, BACKWARD = ">", "<"
 
@@ -35,10 +48,9 @@ def _twist(evidence: Evidence) -> Figure:
     use = evidence.motion.judged
     twist = 1e3 * (measured[:, 0] - measured[:, 1])
     edges = equal_counts(torque[use], 24)
-    chart = figure()
-    axes = chart.subplots()
+    chart, axes = plot()
     cloud(axes, torque[use], twist[use])
-    for name, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+    for name, colour in BOTH:
         model = 1e3 * (simulated[name][:, 0] - simulated[name][:, 1])
         draw_model(axes, bins(torque[use], model[use], edges), f"{name} model", colour)
     draw_measured(axes, bins(torque[use], twist[use], edges), "measured")
@@ -62,7 +74,7 @@ def _error_loop(evidence: Evidence) -> Figure:
     chart = figure(5.8, 4.4)
     panels = chart.subplots(1, 2, sharey=True)
     errors = []
-    for axes, (name, colour) in zip(panels, (("nominal", NOMINAL), ("extended", EXTENDED)), strict=True):
+    for axes, (name, colour) in zip(panels, BOTH, strict=True):
         error = 1e3 * (measured - simulated[name][:, 0])
         for way, marker, dash in ((1.0, FORWARD, "-"), (-1.0, BACKWARD, "--")):
             use = evidence.motion.moving & (way * evidence.motion.speed > 0.0)
@@ -90,9 +102,8 @@ def error_since_reversal(evidence: Evidence, cause: NamedCause) -> Figure:
         way[a:b], direction[a:b] = way_since_reversal(motion.position[a:b], 3.0 * problem.noise)
     use = motion.judged & (direction != 0.0)
     edges = equal_counts(1e3 * way[use], 24)
-    chart = figure()
-    axes = chart.subplots()
-    for name, colour in (("nominal", NOMINAL), ("extended", EXTENDED)):
+    chart, axes = plot()
+    for name, colour in BOTH:
         error = 1e3 * direction * (problem.measured[:, 0] - evidence.diagnosis.simulated[name][:, 0])
         draw_model(axes, bins(1e3 * way[use], error[use], edges), f"{name} model", colour)
     axes.axhline(0.0, color="#000000", lw=0.9)
@@ -144,8 +155,7 @@ def passed_torque(evidence: Evidence, cause: NamedCause) -> Figure:
     use = problem.judged & np.isfinite(problem.measured[:, 0])
     twist = problem.measured[:, 0] - link[:, 0]
     torque = _torque(evidence, link)
-    chart = figure()
-    axes = chart.subplots()
+    chart, axes = plot()
     cloud(axes, 1e3 * twist[use], torque[use])
     draw_measured(axes, bins(1e3 * twist[use], torque[use], equal_counts(1e3 * twist[use], 24)), "measured")
     least, most = np.quantile(twist[use], (0.002, 0.998))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from sealegs.gap.ground.leg_replay import LegReplay
 from sealegs.gap.ground.problem import GroundProblem
 from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
-from sealegs.gap.log.types import LogError, MeasuredSet
+from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.measure.case import Replay
 from sealegs.gap.measure.named import NamedCause
 from sealegs.gap.output.extension import write_extension
@@ -247,38 +248,36 @@ def test_a_diagnosis_tells_the_ground_which_group_to_keep(monkeypatch: pytest.Mo
 
 def test_a_group_with_too_few_stances_to_test_on_is_named() -> None:
     data, _ = recorded()
-    short = data.runs[1]
-    still = replace(short, base={**short.base, "z": np.full(len(short.time), 0.17)})
-    found = search_ground([data.runs[0], still], {}, 0, lambda text: None, short.name)
-    assert isinstance(found, str)
-    assert f"0 are in the group '{short.name}'" in found
+    still = standing(data.runs[1])
+    found = search_ground([data.runs[0], still], {}, 0, lambda text: None, still.name)
+    assert isinstance(found, str) and f"0 are in the group '{still.name}'" in found
 
 
-def test_a_log_without_the_links_behind_the_springs_says_what_to_record() -> None:
-    data = recorded()[0]
-    runs = tuple(
-        replace(run, joints={name: replace(log, link_position=None) for name, log in run.joints.items()})
-        for run in data.runs
-    )
-    found = search_ground(runs, {}, 0, lambda text: None)
-    assert isinstance(found, str)
-    assert "record hip.link_position and knee.link_position" in found
+def without_links(run: MeasuredRun) -> MeasuredRun:
+    return replace(run, joints={name: replace(log, link_position=None) for name, log in run.joints.items()})
 
 
-def test_a_log_without_the_height_of_its_base_says_what_to_record() -> None:
-    data, _ = recorded()
-    runs = [replace(run, base={}) for run in data.runs]
-    found = search_ground(runs, {}, 0, lambda text: None)
-    assert isinstance(found, str)
-    assert "base.z" in found
+def without_base(run: MeasuredRun) -> MeasuredRun:
+    return replace(run, base={})
 
 
-def test_a_leg_that_never_leaves_the_ground_is_asked_to_hop() -> None:
-    data, _ = recorded()
-    standing = [replace(run, base={**run.base, "z": np.full(len(run.time), 0.17)}) for run in data.runs]
-    found = search_ground(standing, {}, 0, lambda text: None)
-    assert isinstance(found, str)
-    assert "hop" in found
+def standing(run: MeasuredRun) -> MeasuredRun:
+    return replace(run, base={**run.base, "z": np.full(len(run.time), 0.17)})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (without_links, "record hip.link_position and knee.link_position"),
+        (without_base, "record it as base.z"),
+        (standing, "let it hop for longer"),
+    ],
+)
+def test_a_log_that_shows_no_stances_says_what_to_record(
+    change: Callable[[MeasuredRun], MeasuredRun], said: str
+) -> None:
+    found = search_ground([change(run) for run in recorded()[0].runs], {}, 0, lambda text: None)
+    assert isinstance(found, str) and said in found
 
 
 @pytest.mark.long

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from sealegs.gap.ground.pieces import ENGINE_STEP
 from sealegs.gap.ground.tree_ground import lay_robot
 from sealegs.gap.ground.tree_model import TreeModel, base_joints, ground_of
 from sealegs.gap.ground.tree_replay import TreeReplay
-from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING
 
 from testbed.logs import hidden_walker
@@ -138,27 +138,29 @@ def test_a_robot_on_several_planes_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_walk_without_the_pose_of_its_base_says_what_to_record() -> None:
-    runs = [replace(run, base={key: run.base[key] for key in ("x", "z", "roll")}) for run in walked().runs]
-    found = search_ground(runs, {}, 0, lambda text: None)
-    assert isinstance(found, str) and "record base.trunk.pitch" in found
-
-
-@pytest.mark.long
 def test_columns_may_leave_the_name_of_the_free_joint_out() -> None:
     with_name = [replace(run, base={f"trunk.{key}": v for key, v in run.base.items()}) for run in walked().runs]
     one, other = laid_out(walked()), laid_out(replace(walked(), runs=tuple(with_name)))
     np.testing.assert_array_equal(one.problem.measured, other.problem.measured)
 
 
+def lying(run: MeasuredRun) -> MeasuredRun:
+    return replace(run, base={key: run.base[key] for key in ("x", "z", "roll")})
+
+
+def lacking(run: MeasuredRun) -> MeasuredRun:
+    return replace(run, joints={name: log for name, log in run.joints.items() if name != "rear_left_knee"})
+
+
 @pytest.mark.long
-def test_a_walk_without_one_of_its_joints_says_which() -> None:
-    runs = [
-        replace(run, joints={name: log for name, log in run.joints.items() if name != "rear_left_knee"})
-        for run in walked().runs
-    ]
-    found = search_ground(runs, {}, 0, lambda text: None)
-    assert isinstance(found, str) and "record rear_left_knee.position" in found
+@pytest.mark.parametrize(
+    ("change", "said"), [(lying, "record base.trunk.pitch"), (lacking, "record rear_left_knee.position")]
+)
+def test_a_walk_without_a_pose_or_a_joint_says_which_to_record(
+    change: Callable[[MeasuredRun], MeasuredRun], said: str
+) -> None:
+    found = search_ground([change(run) for run in walked().runs], {}, 0, lambda text: None)
+    assert isinstance(found, str) and said in found
 
 
 def test_runs_whose_sidecars_differ_in_the_robot_are_diagnosed_apart() -> None:
