@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from ...actuators import load_chain
@@ -230,8 +231,9 @@ def _unlike_wheels(
             f"{WARNING}{', '.join(lost)}: '{chain}' is told positions and there is no chain '{chain}_wheel', so an "
             "ideal speed drive takes its place; give one with velocity_pi."
         )
-    turning = [joint.name for joint in robot.joints if not joint.by_speed and facts.joints[joint.joint].range is None]
-    if hinges := [name for name in turning if robot.joint(name).kind == "hinge"]:
+    endless = [joint for joint in robot.joints if not joint.by_speed and facts.joints[joint.joint].range is None]
+    whole = 2.0 * np.pi - 0.01  # a leg's keep to less
+    if hinges := [item.name for item in endless if item.kind == "hinge" and item.range[1] - item.range[0] > whole]:
         found.append(
             f"{facts.path.name}: {', '.join(hinges)} {'turn' if len(hinges) > 1 else 'turns'} without end and is told "
             "positions, as nothing says that it is a wheel; if it is, give it a chain such as sts3215_wheel."

@@ -41,6 +41,7 @@ SPHERES = 64  # points that stand for a geom, at most
 SOFT = 0.01  # of its size: how far above the lowest point of a foot others count as its sole
 STARTS = 6  # poses from which a stance is sought, that of the file first
 SECONDS = 5.0  # [s] for which it has to stand
+REACH = 0.5 * np.pi  # [rad] to which a joint of a leg goes from there, at most: many files state whole turns; assumed
 LOWER, UPRIGHT = 0.2, 0.9  # share of its height by which it may sink, and cosine of a tilt, while it stands
 
 
@@ -96,6 +97,11 @@ def on_legs(robot: RobotFile) -> RobotFile:
     if found.exclude:
         pairs = ", ".join(" and ".join(pair) for pair in found.exclude)
         said.append(f"{robot.model.path.name}: shapes lie within each other as it stands, and never touch: {pairs}.")
+    if narrow := [item.name for item, old in zip(found.joints, robot.joints, strict=True) if item.range != old.range]:
+        said.append(
+            f"{robot.model.path.name}: goals of {', '.join(narrow)} keep within {REACH:.3g} rad of their start, as "
+            "legs need no more (assumed)."
+        )
     return replace(found, said=(*said, sentence))
 
 
@@ -371,11 +377,23 @@ def _stood(robot: RobotFile, stance: Stance) -> RobotFile:
     for item in robot.joints:
         upright = stance.upright if item.name in stance.angles else 0.0
         held = max(abs(stance.torques.get(item.name, 0.0)) / SAG, upright)
-        joints.append(_strong(replace(item, start=stance.angles.get(item.name, item.start)), held))
+        joints.append(_strong(_within(item, stance.angles.get(item.name)), held))
     standing = replace(
         robot, joints=tuple(joints), floor=FloorEntry(), height=float(f"{stance.height:.4g}"), exclude=stance.overlap
     )
     return settled(standing, None)[0]
+
+
+def _within(item: FileJoint, start: float | None) -> FileJoint:
+    """A joint of a leg with its start [rad or m], and goals within reach of it; the same joint without a start."""
+    if start is None:
+        return item
+    low, high = item.range
+    if item.kind != "hinge" or item.by_speed or high - low <= 2.0 * REACH:
+        return replace(item, start=start)
+    within = max(low, round(start - REACH, 3)), min(high, round(start + REACH, 3))
+    note = f"its goals keep within {REACH:.3g} rad of its start, as a leg needs no more (assumed)"
+    return replace(item, start=start, range=within, notes=(note, *item.notes))
 
 
 def _strong(item: FileJoint, stiffness: float) -> FileJoint:

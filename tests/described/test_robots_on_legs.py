@@ -122,6 +122,23 @@ def test_a_robot_on_legs_gets_a_free_base_a_floor_and_a_pose_in_which_it_stands(
     assert abs(sunk) < 0.01 and turned < 0.05
 
 
+def test_legs_of_whole_turns_keep_within_reach_of_their_stance(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a public quadruped with ranges of 20 rad, an action was 2.5 rad, and learning made it walk worse."""
+    text = quadruped().replace('lower="-1.2" upper="1.8"', 'lower="-10" upper="10"')
+    path, said = written(tmp_path, text, capsys)
+    rows = yaml.safe_load(path.read_text())["joints"]
+    for k in range(4):
+        low, high = rows[f"j1_{k}"]["range"]
+        assert high - low == pytest.approx(np.pi, abs=0.01) and 0.5 * (low + high) == pytest.approx(
+            rows[f"j1_{k}"]["start"], abs=0.01
+        )
+        assert rows[f"j0_{k}"]["range"] == [-0.8, 0.8]
+    assert "goals of j1_0, j1_1, j1_2, j1_3 keep within 1.57 rad of their start" in said
+    assert "it stands 5 s" in said
+
+
 @pytest.mark.long
 def test_what_stands_is_simulated_as_its_yaml_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, _ = written(tmp_path, quadruped(), capsys)
