@@ -101,6 +101,7 @@ def assembled(path: Path, entry: FileEntry, said: list[str] | None = None) -> Ro
         floor=floor,
         height=entry.height,
         exclude=_excluded(path, model, entry),
+        feet=_feet(path, model, entry),
         imu=entry.imu,
     )
     if entry.timestep is None:
@@ -142,6 +143,17 @@ def _excluded(path: Path, model: ModelFile, entry: FileEntry) -> tuple[tuple[str
                 raise RobotError(f"{path}: exclude: {model.path.name} has no body '{name}'{nearest(name, known)}.")
         found.append((pair[0], pair[1]))
     return tuple(found)
+
+
+def _feet(path: Path, model: ModelFile, entry: FileEntry) -> tuple[str, ...]:
+    """The bodies that get a shape."""
+    for name in entry.feet:
+        if name not in model.bodies:
+            raise RobotError(
+                f"{path}: feet: {model.path.name} has no body '{name}' that moves and has a mass"
+                f"{nearest(str(name), model.bodies)}."
+            )
+    return tuple(entry.feet)
 
 
 def _usual_step(model: ModelFile) -> float:

@@ -134,6 +134,7 @@ class RobotFile:
         floor: that is added to the model; None: there is what the model has.
         height: of a free base at the start of an episode [m]; None: the keyframe's, or the model's.
         exclude: pairs of bodies that never touch.
+        feet: bodies that get the box of their mass and inertia as a shape that touches.
         imu: what the YAML says of an IMU on its free base; None: it has none.
         timestep: of the simulation [s].
         integrator: of the engine.
@@ -153,6 +154,7 @@ class RobotFile:
     floor: FloorEntry | None = None
     height: float | None = None
     exclude: tuple[tuple[str, str], ...] = ()
+    feet: tuple[str, ...] = ()
     imu: Mapping[str, Any] | None = None
 
     @property
@@ -167,7 +169,7 @@ class RobotFile:
         """Of model, driven coordinates and engine, to tell two robots apart."""
         rows = [[item.name, item.terms, item.range] for item in self.joints]
         floor = [] if self.floor is None else ["floor"]  # its friction is a number of the robot
-        document = [self.model.digest, self.base, self.integrator, rows, *floor, *self.exclude]
+        document = [self.model.digest, self.base, self.integrator, rows, *floor, *self.exclude, *self.feet]
         return hashlib.sha256(json.dumps(document).encode()).hexdigest()[:16]
 
     def joint(self, name: str) -> FileJoint:
@@ -216,6 +218,12 @@ class RobotFile:
         apply_numbers(spec, self.model, values)
         for one, other in self.exclude:
             spec.add_exclude(bodyname1=one, bodyname2=other)
+        for name in self.feet:
+            body = self.model.bodies[name]
+            spec.body(name).add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=box_of(body.mass, body.inertia), pos=body.centre, quat=body.axes,
+                mass=0.0,
+            )  # fmt: skip
         if self.floor is not None:
             reach = TALL * max(self.height or 0.2, LOW)
             floor = add_scene(spec, values[FLOOR_FRICTION], reach=reach)
@@ -237,6 +245,12 @@ class RobotFile:
         at = int(model.jnt_qposadr[first])
         own = self.model.pose.get(label, tuple(float(value) for value in model.qpos0[at : at + 7]))
         return {label: (*own[:2], self.height, *own[3:])}
+
+
+def box_of(mass: float, inertia: tuple[float, float, float]) -> np.ndarray:
+    """Half sides (3,) [m] of the solid box that has a mass [kg] and principal moments [kg.m2] about its axes."""
+    squares = 1.5 / mass * (sum(inertia) - 2.0 * np.array(inertia))
+    return np.sqrt(np.maximum(squares, 1e-6))
 
 
 def _set_base(spec: mujoco.MjSpec, root: str, base: str) -> None:

@@ -128,6 +128,7 @@ class FileEntry:
         floor: under it; None: that of the model, or none.
         height: of a free base at the start of an episode [m]; None: the keyframe's, or the model's.
         exclude: pairs of bodies that never touch, such as shapes of a file that lie within each other.
+        feet: bodies without a shape that touches, which get one: the box of their mass and inertia.
         timestep: of the simulation [s]; None: 2 ms, the model's where it is shorter, or what is stable.
         integrator: of the engine; None: RK4, or what is stable.
         imu: on its free base; see :class:`ImuEntry`.
@@ -141,6 +142,7 @@ class FileEntry:
     floor: dict[str, Any] | None = None
     height: float | None = None
     exclude: list[list[str]] = field(default_factory=list)
+    feet: list[str] = field(default_factory=list)
     timestep: float | None = None
     integrator: Literal["RK4", "Euler", "implicit", "implicitfast"] | None = None
     imu: dict[str, Any] | None = None

@@ -177,6 +177,8 @@ def _ground(robot: RobotFile) -> str:
         lines.append(f"height: {_number(robot.height)}   # of the base where episodes start [m]")
     if robot.exclude:
         lines.append(f"exclude: {_flow([list(pair) for pair in robot.exclude])}   # bodies that never touch")
+    if robot.feet:
+        lines.append(f"feet: {_flow(list(robot.feet))}   # without a shape in the file: boxes of their inertias touch")
     if robot.base == "free":
         what = "rate, delay, noise and bias as in the page An IMU, assumed; remove the line if it has none"
         lines.append(f"imu: {_flow(seat_of_imu(as_robot(robot)))}   # on its base: {what}")

@@ -117,17 +117,18 @@ def _on_legs(robot: RobotFile) -> tuple[RobotFile, str]:
     if len(body.legs) < 2:
         return robot, ""
     where = f"{model.path.name}: {_counted(len(body.legs))} legs"
-    if not all(body.shapes(leg) for leg in body.legs):
-        why = "their feet have no shape that touches the ground, so its base stays where the file has it"
-        return robot, f"{where}, but {why}; give the feet collision shapes."
+    if bare := [leg for leg in body.legs if not body.shapes(leg)]:
+        free = replace(free, feet=tuple(body.heaviest(leg) for leg in bare))
+        body = _Body(free)
     held = "hang in the air" if not model.free else "have no floor under them"
     best: RobotFile | None = None
     for stance in body.stances():
         standing = _stood(free, stance)
         best = standing if best is None else best
         if _stands(standing):
+            feet = f" Boxes of their inertias stand for {', '.join(free.feet)}, without a shape." if free.feet else ""
             pose = f"it stands {SECONDS:g} s at a height of {stance.height:.3g} m"
-            return standing, f"{where} {held}: base is free, with a floor and an IMU, and {pose} on its servos."
+            return standing, f"{where} {held}: base is free, with a floor and an IMU, and {pose} on its servos.{feet}"
     assert best is not None
     return best, (
         f"{WARNING}{where} {held}: base is free, with a floor and an IMU, but it stands {SECONDS:g} s on its servos in "
@@ -160,6 +161,10 @@ class _Body:
     def shapes(self, leg: Leg) -> bool:
         """Whether its foot has a shape that touches."""
         return any(len(self._points[body][0]) for body in leg.foot)
+
+    def heaviest(self, leg: Leg) -> str:
+        """The heaviest body of a foot."""
+        return self._model.body(max(leg.foot, key=lambda body: self._model.body_mass[body])).name
 
     # --- which limbs are legs --------------------------------------------------------------------------------------
 
