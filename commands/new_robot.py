@@ -19,6 +19,7 @@ KEYS = ("out", "chain")
 def main(arguments: list[str]) -> None:
     """Write the file that the command line names."""
     from ..envs.new_robot.robot_yaml import write_robot_yaml
+    from ..envs.new_robot.told import together
     from ..gap.log.types import OTHER
     from ..hw.machine.assumed_limits import assumed_limits
 
@@ -35,6 +36,6 @@ def main(arguments: list[str]) -> None:
             f"'{files[0]}' is a folder; name the model in it: sealegs new-robot my_arm.xml (an MJCF or URDF)."
         )
     out = Path(given.get("out") or model.with_suffix(".yaml"))
-    for sentence in write_robot_yaml(model, out, given.get("chain"), OTHER, assumed_limits):
+    for sentence in together(write_robot_yaml(model, out, given.get("chain"), OTHER, assumed_limits)):
         print(f"  {sentence}")
     print(f"Written: {out}. Read it, edit it, and give it as robot={out}.")
