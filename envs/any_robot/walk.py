@@ -12,6 +12,7 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
+from ..engine.batch import BatchEngine
 from ..engine.robot import Robot
 from ..engine.task import Motion, option
 from ..robots import get_robot
@@ -27,6 +28,9 @@ SWING = 0.5  # of a cycle of the reference gait that a foot is in the air
 AXES = ("x", "y", "z")
 GRAVITY = 9.81  # [m/s2]
 ON_TWO = 1.0 / 3.0  # of the speeds and heights, on two feet: what the small biped follows; assumed
+
+TRIALS, TRIAL_TIME = 8, 4.0  # simulations of the gait that is tried, and how long [s]
+HALVINGS = 2  # of the lift, at which a robot that falls is tried again
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,14 @@ class Sizes:
         }
         short: dict[str, Any] = {key: _short(value) for key, value in found.items()}
         return cls(**short)
+
+
+def falls(engine: BatchEngine) -> bool:
+    """Whether a robot falls by its reference gait alone, in any of some simulations."""
+    engine.seed(0)
+    engine.reset()
+    still = np.zeros((engine.num_envs, len(engine.action_names)))
+    return any(bool(engine.step(still).terminated.any()) for _ in range(round(TRIAL_TIME / engine.dt)))
 
 
 def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
@@ -146,8 +158,12 @@ class WalkTask(Commanded):
         return replace(Sizes.of(self.stance), **{key: value for key, value in given.items() if value is not None})
 
     def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
-        del trial
-        return replace(self, **vars(self.sizes))
+        sized = replace(self, **vars(self.sizes))
+        if self.lift is not None or not self.sizes.cadence > 0.0:
+            return sized
+        lifts = [self.sizes.lift / 2.0**k for k in range(HALVINGS + 1)]
+        tried = [replace(sized, lift=lift) for lift in lifts]
+        return next((task for task in tried[:-1] if not falls(trial(task, TRIALS))), tried[-1])
 
     def span(self, name: str) -> float | Sequence[float]:
         return getattr(self.sizes, name)
