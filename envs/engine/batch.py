@@ -6,6 +6,7 @@ seed s draws from the generator of seed s + i. So it is bit-equal to a batch of 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -97,7 +98,8 @@ class BatchEngine:
         self._sound = False  # what the task gives, which the first step looks at
         same: Any = {"actuator": actuator, "params": params, "control_rate": control_rate, "action_delay": action_delay}
         given, task = task, task.fitted(lambda trial, count: BatchEngine(trial, count, autoreset=False, **same))
-        self.fitted = {key: value for key, value in vars(task).items() if value != getattr(given, key)}
+        names = [item.name for item in dataclasses.fields(task)]
+        self.fitted = {name: getattr(task, name) for name in names if getattr(task, name) != getattr(given, name)}
         self.task, self.num_envs = task, num_envs
         self.numbers = task.robot.parameters(params)
         chains = {name: load_chain(source) for name, source in task.robot.chains_for(actuator).items()}

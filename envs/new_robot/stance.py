@@ -42,6 +42,7 @@ SOFT = 0.01  # of its size: how far above the lowest point of a foot others coun
 STARTS = 6  # poses from which a stance is sought, that of the file first
 SECONDS = 5.0  # [s] for which it has to stand
 REACH = 0.5 * np.pi  # [rad] to which a joint of a leg goes from there, at most: many files state whole turns; assumed
+RK4_EVALUATIONS = 4  # of the forces in a step, in place of one: feet that hit the ground are no smoother by them
 LOWER, UPRIGHT = 0.2, 0.9  # share of its height by which it may sink, and cosine of a tilt, while it stands
 
 
@@ -386,7 +387,8 @@ def _stood(robot: RobotFile, stance: Stance) -> RobotFile:
     standing = replace(
         robot, joints=tuple(joints), floor=FloorEntry(), height=float(f"{stance.height:.4g}"), exclude=stance.overlap
     )
-    return settled(standing, None)[0]
+    exact, quick = settled(standing, None)[0], settled(standing, "implicitfast")[0]
+    return quick if quick.timestep > exact.timestep / RK4_EVALUATIONS and quick.joints == exact.joints else exact
 
 
 def _within(item: FileJoint, start: float | None) -> FileJoint:

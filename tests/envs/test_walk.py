@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -194,6 +194,8 @@ def test_a_lift_at_which_the_reference_gait_falls_is_halved() -> None:
     tried.clear()
     assert WalkTask(cadence=None, lift=0.02).fitted(trial).lift == 0.02 and WalkTask().fitted(trial).lift == 0.02
     assert not tried
+    fallen = BatchEngine(WalkTask(cadence=None, healthy_tilt=0.0), 1)
+    assert fallen.fitted["lift"] == 0.005 and set(fallen.fitted) <= {item.name for item in fields(WalkTask)}
 
 
 def test_numbers_of_the_quadruped_in_the_config_of_the_task_are_not_those_of_another_robot() -> None:
