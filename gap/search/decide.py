@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks.bootstrap import block_weights
-from .record import Evidence, RoundRecord, SearchRecord
+from .record import TOGETHER, Evidence, RoundRecord, SearchRecord
 from .settings import SearchSettings
 
 
@@ -292,8 +292,9 @@ def decide(record: SearchRecord, settings: SearchSettings) -> Decision:
             if chosen != step.winner:
                 return decision(open=True)
             here = slice(step.place, step.place + 1)
-            names[here] = [] if chosen is None else [chosen]
-            rivals[here] = [] if chosen is None else [rivals_of(this, order, chosen, settings)]
+            stand = [] if chosen is None else chosen.split(TOGETHER)
+            names[here] = stand
+            rivals[here] = [rivals_of(this, order, str(chosen), settings)] * len(stand)
             ended = ended and chosen == own
             continue
         if ended:  # it went on to look

@@ -9,7 +9,6 @@ say what each is worth, and what its rivals are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ..causes.cause import Cause, Variant
 from . import decide
@@ -85,13 +84,6 @@ def _tried(
 def _put(searcher: Rounds, found: Found, place: int, first: Candidate | None, without: Judged) -> None:
     """Put another cause, or none, in the place of one that is not tried again."""
     searcher.replaced.add(found.accepted[place].cause.key)
-    found.current = without if first is None else searcher.of(first)
     found.accepted[place : place + 1] = [] if first is None else [first]
-    found.settled = "" if first is None else first.cause.key
     found.rounds[:] = [step for step in found.rounds if step.accepted]
-    blocks, sampled, fits = found.current.blocks, found.current.sampled, found.current.fits
-    values = (fits[0].values, fits[1].values)
-    found.accepted[:] = [
-        replace(one, fits=fits, evidence=replace(one.evidence, blocks=blocks, sampled=sampled, values=values))
-        for one in found.accepted
-    ]
+    found.put(without if first is None else searcher.of(first), "" if first is None else first.cause.key)

@@ -9,6 +9,7 @@ import numpy as np
 from ..log.progress import Milestone
 from . import decide
 from .exchange import NEVER, exchanged
+from .pairs import paired
 from .record import SearchRecord, Step
 from .result import Round, Search
 from .rounds import Rounds
@@ -29,7 +30,7 @@ class Searcher(Rounds):
         led = bool(self.led)  # what one run of many showed first is little of the loss of all of them
         try:
             self.forward(found)
-            while not led and exchanged(self, found):
+            while not led and (exchanged(self, found) or paired(self, found)):
                 self.forward(found)
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"

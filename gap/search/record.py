@@ -17,6 +17,8 @@ from ...common.atomic import write_text
 from ...common.documents import read_json
 
 DIGITS = 9
+TOGETHER = " with "
+"""Between the names of two causes that are tried in the place of one (:mod:`.pairs`)."""
 
 
 @dataclass(frozen=True, eq=False)

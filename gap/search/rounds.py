@@ -173,18 +173,21 @@ class Rounds:
 
     # --- one round -------------------------------------------------------------------------------------------------
 
-    def fit_round(self, accepted: Sequence[Candidate], current: Judged, left: float) -> tuple[list[Candidate], float]:
+    def fit_round(
+        self, accepted: Sequence[Candidate], current: Judged, left: float, instead: Candidate | None = None
+    ) -> tuple[list[Candidate], float]:
         """Fitted variants of a round in the order of their rough costs, and what the screen promised.
 
         Args:
             accepted: causes of the model.
             current: the model.
             left: its loss per value beyond that of the noise.
+            instead: a cause in whose place one of the model's and one of the round are tried together.
         """
         extended = self.parameters(accepted)
         here = middle(*current.fits)
         self.sketch_anew(extended, here)
-        shown = self.open_causes(accepted)
+        shown = self.open_causes([*accepted, *([] if instead is None else [instead])])
         if leaders := [c for c in shown if c.key in self.led]:
             shown = leaders
         else:
@@ -193,8 +196,9 @@ class Rounds:
         if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
         chosen = to_try(screened.chosen, shown, self.numbers, blind=left > self.settings.far)
-        found = self.fitted(chosen, accepted, current, left)
-        return [*found, *self.parted(chosen, accepted, current, left)], screened.promise
+        found = self.fitted(chosen, accepted, current, left, instead)
+        parted = [] if instead is not None else self.parted(chosen, accepted, current, left)
+        return [*found, *parted], screened.promise
 
     def parted(
         self, chosen: Sequence[tuple[Cause, Variant]], accepted: Sequence[Candidate], current: Judged, left: float
@@ -240,7 +244,9 @@ class Rounds:
         self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
         known = None
         if instead is not None:
-            known = fit(self.sketch, self.parameters((*accepted, instead)), middle(*instead.fits), 0).cost
+            there = middle(*instead.fits)
+            turned = [p for p in self.parameters((*accepted, instead)) if p.path in there]
+            known = fit(self.sketch, turned, there, 0).cost
         rough = rough_fits(self.sketch, chosen, extended, here, settings, known)
         least = rough[0][0].cost if known is None else min(known, rough[0][0].cost)
         order = list(dict.fromkeys(cause.key for _, cause, _ in rough))

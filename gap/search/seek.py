@@ -14,8 +14,6 @@ from .tied import leaves_tie, search_tied
 if TYPE_CHECKING:
     from .forward import Searcher
 
-SEVERAL = 3  # causes, of which the first may stand for two that the others mend
-
 
 def seek(searcher: Searcher) -> Search:
     """What is found of a joint: led by its fastest run where one stands out, and beside refitted numbers.
@@ -33,14 +31,13 @@ def _ways(searcher: Searcher) -> tuple[Search, ...]:
 
 
 def without_the_first(searcher: Searcher, found: Search) -> Search:
-    """What is found where the cause that came first is left out, if much or several causes stand beside it and what is
-    found then is better, or as good with fewer causes.
+    """What is found where the cause that came first is left out, if much stays beside it and what is found then is
+    better, or as good with fewer causes.
 
     A cause that stands in for several together comes before each of them, as a higher resistance does for a heavier
     rotor and a heavier load: in its place alone none of them does as well, and further causes mend what it is not.
     """
-    much = searcher.excess(found.fits) > searcher.settings.open_excess
-    if not found.accepted or not (much or len(found.accepted) >= SEVERAL):
+    if not found.accepted or not searcher.excess(found.fits) > searcher.settings.open_excess:
         return found
     first = found.accepted[0].cause.key
     searcher.progress(f"seeking without {first}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,3 +41,16 @@ class Found:
     rounds: list[Round] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     settled: str = ""
+
+    def put(self, current: Judged, settled: str = "") -> None:
+        """Take a model in which other causes stand; what was accepted is from now on as it is in that one."""
+        self.current, self.settled = current, settled
+        values = (current.fits[0].values, current.fits[1].values)
+        self.accepted[:] = [
+            replace(
+                one,
+                fits=current.fits,
+                evidence=replace(one.evidence, blocks=current.blocks, sampled=current.sampled, values=values),
+            )
+            for one in self.accepted
+        ]
