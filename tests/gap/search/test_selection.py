@@ -23,7 +23,8 @@ from sealegs.gap.search.decide import Standing, decide
 from sealegs.gap.search.exchange import exchanged
 from sealegs.gap.search.fit import merge
 from sealegs.gap.search.forward import Searcher
-from sealegs.gap.search.record import RoundRecord
+from sealegs.gap.search.pairs import paired
+from sealegs.gap.search.record import RoundRecord, SearchRecord, Step
 from sealegs.gap.search.refit import refit
 from sealegs.gap.search.result import Candidate, Round
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
@@ -147,6 +148,52 @@ def test_one_found_late_takes_the_place_of_all_that_stood_in_for_it(monkeypatch:
     assert [candidate.cause.name for candidate in found.accepted] == ["friction.coulomb"]
     assert searcher.replaced == {"friction.load_dependent", "friction.viscous"}
     assert decide(found.record, searcher.settings).names == ("friction.coulomb",)
+
+
+def two_sided(*names: str) -> Searcher:
+    """A search of a bench with a weaker magnet and more viscous friction, for these causes alone."""
+    problem = bench("drive.motor_constant", "friction.viscous")
+    return Searcher(problem, catalogue(problem.models[0], names), tuple(adjustable(problem.models[0])))
+
+
+@pytest.mark.long
+def test_a_cause_is_not_sure_where_two_others_together_fit_as_well() -> None:
+    """Less torque and less back-EMF: a resistance, surely, though a weaker magnet with more friction is the same."""
+    found = two_sided("drive.resistance", "drive.motor_constant", "friction.viscous").run()
+    (one,) = found.accepted
+    assert one.cause.name == "drive.resistance" and one.best < THRESHOLDS.sure
+    assert "drive.motor_constant with friction.viscous" in found.rivals(0)
+    again = decide(found.record, DEFAULT)
+    assert again.names == ("drive.resistance",) and again.rivals == (found.rivals(0),) and not again.open
+
+
+@pytest.mark.long
+def test_two_causes_that_fit_better_together_take_the_place_of_one_that_stood_in_for_them() -> None:
+    """A resistance for a heavier link and more inertia: in its place alone neither of the two does as well."""
+    problem = bench("load.mass", "load.inertia")
+    causes = {cause.name: cause for cause in catalogue(problem.models[0], ["drive.resistance", "load.inertia"])}
+    every = catalogue(problem.models[0], ["drive.resistance", "load.inertia", "load.mass"])
+    searcher = Searcher(problem, every, tuple(adjustable(problem.models[0])))
+    base = searcher.judged(searcher.fit_both(searcher.tuned, None))
+    left = searcher.excess(base.fits)
+    own, other = (
+        searcher.candidate(cause, variant, searcher.judged(searcher.fit_both(merge(searcher.tuned, variant), None)))
+        for cause, variant in (
+            (causes[name], causes[name].variants[0]) for name in ("drive.resistance", "load.inertia")
+        )
+    )
+    record, _ = searcher.recorded([], [own, other], base, left, 1.0)
+    found = Found(
+        searcher.of(own), [own], [Round(base.blocks, (own, other), True, left)], [Step(record, own.cause.key)]
+    )
+    assert paired(searcher, found)
+    assert [one.cause.name for one in found.accepted] == ["load.inertia", "load.mass"] and len(found.rounds) == 2
+    assert found.current.blocks.sum() < 0.1 * own.blocks.sum() and searcher.replaced == {"drive.resistance"}
+    steps = (found.steps[-1],)
+    assert decide(SearchRecord(0, (Step(record, own.cause.key), *steps)), searcher.settings).names == (
+        "load.inertia",
+        "load.mass",
+    )
 
 
 def test_causes_are_sought_with_longer_steps_of_teeth_and_switches_alone() -> None:
