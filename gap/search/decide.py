@@ -232,7 +232,7 @@ def is_near(lacks: tuple[Shortfall, ...], standing: Standing, settings: SearchSe
 def in_place(record: RoundRecord, order: list[Standing], own: str, settings: SearchSettings) -> str | None:
     """The cause that stands in a place beside all the others; None where none is needed there.
 
-    Another takes it that is the best in most draws, and pays.
+    Another takes it that is the best in most draws, and pays, unless it stood there before.
 
     Args:
         record: of the round without the one that stands there, which is among its candidates.
@@ -243,7 +243,8 @@ def in_place(record: RoundRecord, order: list[Standing], own: str, settings: Sea
     if not order or finished(record.excess, settings):
         return None
     first = record.candidates[order[0].index].name
-    if first != own and order[0].best > settings.least_win_rate and pays(record, order[0], settings, further=True):
+    free = first != own and first not in record.barred
+    if free and order[0].best > settings.least_win_rate and pays(record, order[0], settings, further=True):
         return first
     mine = next((one for one in order if record.candidates[one.index].name == own), None)
     return own if mine is not None and pays(record, mine, settings, further=False) else None

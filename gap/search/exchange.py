@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 from ..causes.cause import Cause, Variant
 from . import decide
-from .fit import middle
-from .record import Step
+from .fit import merge, middle
+from .record import TOGETHER, Step
 from .result import Candidate, Round
 from .rounds import Rounds
 from .screen import screen
@@ -43,9 +43,10 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     begin = searcher.excess(without.fits)
     fitted, at = [own], [k for k, step in enumerate(found.rounds) if step.accepted][place]
     if not decide.finished(begin, searcher.settings):
-        shown = searcher.open_causes(found.accepted)
+        shown = searcher.open_causes(found.accepted, replaced=True)  # what stood here is a rival still
         tried = _tried(searcher, shown, others, without, found.rounds[at].candidates)
         fitted += searcher.fitted(tried, others, without, begin, instead=own)
+        fitted += _known(searcher, found.rounds[at].candidates, others, fitted)
     record, without = searcher.recorded(others, fitted, without, begin, NEVER, instead=own)
     order, ranked = searcher.standings(record, fitted)
     chosen = decide.in_place(record, order, key, searcher.settings)
@@ -79,6 +80,22 @@ def _tried(
     first = list(dict.fromkeys(cause.key for cause, _ in screened.chosen))[: searcher.settings.finalists]
     before = [(c.cause, c.variant) for c in rivals if c.cause.key not in first and c.cause in shown]
     return [*(pair for pair in screened.chosen if pair[0].key in first), *before]
+
+
+def _known(
+    searcher: Rounds, rivals: Sequence[Candidate], others: Sequence[Candidate], fitted: Sequence[Candidate]
+) -> list[Candidate]:
+    """What did about as well in a place before and was passed over now, from where it was fitted then."""
+    keys = {one.cause.key for one in fitted}
+    near = [one for one in rivals if one.best > searcher.settings.rival_win_rate or one.cause.key in searcher.replaced]
+    extended = searcher.parameters(others)
+    return [
+        searcher.finalist(
+            extended, searcher.fit_sketch(merge(extended, one.variant), middle(*one.fits)), one.cause, one.variant
+        )
+        for one in near
+        if one.cause.key not in keys and TOGETHER not in one.cause.key
+    ]
 
 
 def _put(searcher: Rounds, found: Found, place: int, first: Candidate | None, without: Judged) -> None:

@@ -29,13 +29,13 @@ class Pair:
     Attributes:
         parts: the two, as they are together.
         whole: both as one candidate, charged for what they turn beyond the one that stands there.
-        rest: loss per block (b,) of the one that stands there, beside the second of the two: what that mends is not
-            to the credit of the pair.
+        beside: the one that stands there beside the second of the two, and beside the first, where the two do better
+            than it alone: what one of them mends is not to the credit of the pair.
     """
 
     parts: tuple[Candidate, Candidate]
     whole: Candidate
-    rest: np.ndarray
+    beside: tuple[Candidate, ...]
 
 
 def paired(searcher: Rounds, found: Found) -> bool:
@@ -49,10 +49,11 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     at = [k for k, step in enumerate(found.rounds) if step.accepted][place]
     step = found.rounds[at]
     worse = [one for one in step.candidates[1:] if one.best <= settings.rival_win_rate and not one.beside]
+    worse = [one for one in worse if one.cause.key not in searcher.replaced]
     pairs = [pair for one in worse[:TRIED] if (pair := _beside(searcher, found, place, one)) is not None]
     if not pairs:
         return False
-    least = min((own.blocks, *(pair.rest for pair in pairs)), key=lambda blocks: float(blocks.sum()))
+    least = min((own.blocks, *(_charged(searcher, pair) for pair in pairs)), key=lambda blocks: float(blocks.sum()))
     mine = replace(own, evidence=replace(own.evidence, blocks=least))
     fitted = [
         mine,
@@ -74,7 +75,8 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
         return False
     searcher.replaced.add(own.cause.key)
     found.accepted[place : place + 1] = taken.parts
-    found.rounds[at : at + 1] = [Round(step.before, (one,), True, step.excess) for one in taken.parts]
+    places = zip(taken.parts, taken.beside, strict=True)
+    found.rounds[at : at + 1] = [Round(step.before, (one, rival), True, step.excess) for one, rival in places]
     found.rounds[:] = [one for one in found.rounds if one.accepted]
     found.put(searcher.of(taken.parts[1]))
     searcher.progress(f"beside the others, {chosen} stand in the place of {own.cause.key}")
@@ -106,18 +108,27 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
     blocks = two.blocks * (1.0 + settings.parameter_charge * more)
     cause = replace(first.cause, name=f"{first.cause.key}{TOGETHER}{second.cause.key}", about="", degenerates_to=None)
     whole = Candidate(cause, (*one.variant, *two.variant), two.fits, _evidence(cause.key, one, two, blocks))
-    return Pair((one, two), whole, _rest(searcher, others, own, whole, two))
+    beside: tuple[Candidate, ...] = ()
+    if whole.blocks.sum() < own.blocks.sum():
+        beside = tuple(_anew(searcher, own, part, others) for part in (two, one))
+    return Pair((one, two), whole, beside)
 
 
-def _rest(
-    searcher: Rounds, others: Sequence[Candidate], own: Candidate, whole: Candidate, second: Candidate
-) -> np.ndarray:
-    """Loss per block (b,) of a cause beside the second of a pair that does better than it alone."""
-    if whole.blocks.sum() > own.blocks.sum():
-        return own.blocks
-    start = {**middle(*second.fits), **middle(*own.fits)}
-    judged = searcher.judged(searcher.fit_both(searcher.parameters([*others, own, second]), start))
-    return judged.blocks * (1.0 + searcher.settings.parameter_charge * _parameters(second))
+def _anew(searcher: Rounds, own: Candidate, part: Candidate, others: Sequence[Candidate]) -> Candidate:
+    """A cause beside one part of a pair."""
+    start = {**middle(*part.fits), **middle(*own.fits)}
+    judged = searcher.judged(searcher.fit_both(searcher.parameters([*others, own, part]), start))
+    return searcher.candidate(own.cause, own.variant, judged)
+
+
+def _charged(searcher: Rounds, pair: Pair) -> np.ndarray:
+    """Least loss per block (b,) of a cause beside one part of a pair, charged for it; infinite where none is known."""
+    charge = searcher.settings.parameter_charge
+    every = [
+        own.blocks * (1.0 + charge * _parameters(part))
+        for own, part in zip(pair.beside, reversed(pair.parts), strict=bool(pair.beside))
+    ]
+    return min(every, key=lambda blocks: float(blocks.sum()), default=np.full(len(pair.whole.blocks), np.inf))
 
 
 def _evidence(name: str, one: Candidate, two: Candidate, blocks: np.ndarray) -> Evidence:

@@ -67,6 +67,7 @@ class RoundRecord:
         promise: loss per value that the screen promised to remove; NaN where the search ended before it.
         candidates: all variants that were fitted, in the order of their rough costs; none where the search ended.
         led: whether they are causes that one run of many had shown before.
+        barred: names of candidates in whose place another stands already, so that they are no more than rivals.
     """
 
     counts: np.ndarray
@@ -77,6 +78,7 @@ class RoundRecord:
     promise: float
     candidates: tuple[Evidence, ...]
     led: bool = False
+    barred: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +140,7 @@ def _round(record: RoundRecord) -> dict[str, Any]:
         "before": _numbers(record.before),
         **{key: float(getattr(record, key)) for key in ("sampled", "excess", "left", "promise")},
         "led": record.led,
+        "barred": list(record.barred),
         "candidates": [
             {
                 "name": c.name,
@@ -171,7 +174,8 @@ def _read_round(document: Mapping[str, Any]) -> RoundRecord:
         for row in document["candidates"]
     )
     arrays = {key: np.array(document[key]) for key in ("counts", "before")}
-    return RoundRecord(**{**document, **arrays, "candidates": candidates})
+    barred = tuple(document.get("barred", ()))
+    return RoundRecord(**{**document, **arrays, "candidates": candidates, "barred": barred})
 
 
 def _numbers(values: Any) -> list[float]:

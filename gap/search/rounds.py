@@ -288,9 +288,9 @@ class Rounds:
         fits = self.fit_parts(merge(extended, variant), optimum.values)
         return self.candidate(cause, variant, self.judged(fits))
 
-    def open_causes(self, accepted: Sequence[Candidate]) -> list[Cause]:
-        """What the data can show beside a model, less what another took the place of."""
-        taken = {c.cause.key for c in accepted} | self.replaced
+    def open_causes(self, accepted: Sequence[Candidate], *, replaced: bool = False) -> list[Cause]:
+        """What the data can show beside a model, less what another took the place of unless that is asked for."""
+        taken = {c.cause.key for c in accepted} | (set() if replaced else self.replaced)
         taken |= without_friction(self.shown, self.parameters(accepted), self.nominal)
         apart = self.apart(accepted)
         return [cause.parted() if apart else cause for cause in self.shown if cause.key not in taken]
@@ -384,6 +384,7 @@ class Rounds:
             promise=promise,
             candidates=evidence,
             led=led,
+            barred=tuple(sorted(self.replaced)),
         )
         return record, current
 

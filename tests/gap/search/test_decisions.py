@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.search import seek
-from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, standings
+from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, rivals_of, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.seek import without_the_first
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
@@ -254,6 +254,18 @@ def test_each_threshold_is_halved_and_doubled_and_the_page_has_it() -> None:
 def test_thresholds_that_nothing_passes_name_nothing() -> None:
     found = tally(ROWS, SearchSettings(least_removed=1e6))
     assert (found.right, found.false, found.nulls) == (0, 0, 0)
+
+
+def test_what_another_took_the_place_of_stays_its_rival_and_does_not_come_back() -> None:
+    """A gear ratio took the place of a rotor's inertia by a hair, and stood there surely ever after."""
+    record = round_of(quiet("gear", 0.134), quiet("rotor", 0.130))
+    order = standings(record, DEFAULT, seed=0)
+    assert in_place(record, order, "gear", DEFAULT) == "rotor"
+    record = replace(record, barred=("rotor",))
+    assert in_place(record, order, "gear", DEFAULT) == "gear"
+    assert rivals_of(record, order, "gear", DEFAULT) == ("rotor",)
+    written = from_dict(to_dict(SearchRecord(0, (Step(record, "gear", 0),))))
+    assert written.steps[0].round.barred == ("rotor",)
 
 
 def quiet(name: str, left: float) -> Evidence:
