@@ -117,7 +117,8 @@ class Legs:
         found = []
         delay, bias = self.believed
         more = self.rates.lag - delay
-        if abs(more) > MIN_EXTRA_DELAY and (self.rates.low - delay) * (self.rates.high - delay) > 0.0:
+        known = self.rates.low > EARLIEST_LAG + 1e-6  # else it ends where the search does
+        if known and abs(more) > MIN_EXTRA_DELAY and (self.rates.low - delay) * (self.rates.high - delay) > 0.0:
             found.append(
                 Finding(
                     "imu.delay", "warning", IMU, "base.imu.age",

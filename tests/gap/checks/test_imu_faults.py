@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from sealegs.common.errors import SealegsError
-from sealegs.gap.checks.imu import check_imu, imu_of
+from sealegs.gap.checks.imu import Match, check_imu, imu_of
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.finder.imu import diagnose_imu
+from sealegs.gap.finder.imu import Legs, diagnose_imu
 from sealegs.gap.ground.carried import Carried
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.output.terminal import screen
@@ -173,3 +173,11 @@ def test_a_sidecar_whose_imu_is_none_is_refused_in_a_sentence() -> None:
     runs = [replace(run, meta={**run.meta, "imu": {"delay": "soon"}}) for run in walked(BoughtImu())]
     with pytest.raises(SealegsError, match=r"meta\.imu of its sidecar is .*soon"):
         diagnose_imu(MeasuredSet(tuple(runs), "walk").runs, {}, lambda text: None)
+
+
+@pytest.mark.parametrize(("low", "high", "told"), [(-0.03, 0.001, False), (-0.02, 0.001, True), (0.04, 0.06, True)])
+def test_a_delay_whose_interval_ends_where_the_search_does_is_not_told(low: float, high: float, told: bool) -> None:
+    """Of a trot its lag was known to a period: a right IMU was said to be 15 ms early."""
+    rates = Match(0.5 * (low + high), low, high, np.eye(3), 1.0, 0.9)
+    legs = Legs(rates, np.zeros(3), np.full(3, 0.01), (0.015, 0.01))
+    assert ("imu.delay" in [finding.code for finding in legs.findings()]) == told
