@@ -20,9 +20,7 @@ from .stand import Standing, standing
 from .task import Commanded, Numbers
 
 COMMANDS = ("forward [m/s]", "sideways [m/s]", "turn [rad/s]")
-SLOW = (
-    0.04  # of the speed of a fall from its height, of a foot over the body, from which on it is lifted fully; assumed
-)
+SLOW = 0.04  # of the speed of a fall from its height: speed of a foot over the body that lifts it fully; assumed
 RIM = 0.5  # of the height of the base: how far from its middle a sole that turns drags, for the same; assumed
 SWING = 0.5  # of a cycle of the reference gait that a foot is in the air
 AXES = ("x", "y", "z")

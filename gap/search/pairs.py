@@ -29,8 +29,8 @@ class Pair:
     Attributes:
         parts: the two, as they are together.
         whole: both as one candidate, charged for what they turn beyond the one that stands there.
-        beside: the one that stands there beside the second of the two, and beside the first, where the two do better
-            than it alone: what one of them mends is not to the credit of the pair.
+        beside: the one that stands there beside the second of the two, and beside the first, charged for these; where
+            the two do better than it alone. What one of them mends is not to the credit of the pair.
     """
 
     parts: tuple[Candidate, Candidate]
@@ -53,7 +53,8 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     pairs = [pair for one in worse[:TRIED] if (pair := _beside(searcher, found, place, one)) is not None]
     if not pairs:
         return False
-    least = min((own.blocks, *(_charged(searcher, pair) for pair in pairs)), key=lambda blocks: float(blocks.sum()))
+    beside = [one.blocks for pair in pairs for one in pair.beside]
+    least = min([own.blocks, *beside], key=lambda blocks: float(blocks.sum()))
     mine = replace(own, evidence=replace(own.evidence, blocks=least))
     fitted = [
         mine,
@@ -89,7 +90,7 @@ def _record(found: Found, own: Candidate) -> RoundRecord:
 
 
 def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pair | None:
-    """A cause in the place of another with the best beside it; None where they do not do about as well."""
+    """A cause in the place of another with the best beside it; None where it needs none there, or no size is sure."""
     own, settings = found.accepted[place], searcher.settings
     others = [one for k, one in enumerate(found.accepted) if k != place]
     begin = searcher.excess(first.fits)
@@ -115,20 +116,11 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
 
 
 def _anew(searcher: Rounds, own: Candidate, part: Candidate, others: Sequence[Candidate]) -> Candidate:
-    """A cause beside one part of a pair."""
+    """A cause beside one part of a pair, charged for that."""
     start = {**middle(*part.fits), **middle(*own.fits)}
     judged = searcher.judged(searcher.fit_both(searcher.parameters([*others, own, part]), start))
-    return searcher.candidate(own.cause, own.variant, judged)
-
-
-def _charged(searcher: Rounds, pair: Pair) -> np.ndarray:
-    """Least loss per block (b,) of a cause beside one part of a pair, charged for it; infinite where none is known."""
-    charge = searcher.settings.parameter_charge
-    every = [
-        own.blocks * (1.0 + charge * _parameters(part))
-        for own, part in zip(pair.beside, reversed(pair.parts), strict=bool(pair.beside))
-    ]
-    return min(every, key=lambda blocks: float(blocks.sum()), default=np.full(len(pair.whole.blocks), np.inf))
+    blocks = judged.blocks * (1.0 + searcher.settings.parameter_charge * _parameters(part))
+    return searcher.candidate(own.cause, own.variant, replace(judged, blocks=blocks))
 
 
 def _evidence(name: str, one: Candidate, two: Candidate, blocks: np.ndarray) -> Evidence:
