@@ -54,7 +54,7 @@ def beside_refitted(searcher: Searcher) -> Search:
 def charged(searcher: Searcher, found: Search) -> float:
     """Loss of what was found, with a charge for each parameter of its causes and each number that it refits."""
     turned = sum(p.factor for p in found.tuned) if found.loose else 0
-    charge = searcher.settings.parameter_charge * (_flexibility(found) + turned)
+    charge = searcher.settings.parameter_charge * (sum(candidate.flexibility for candidate in found.accepted) + turned)
     return float(_blocks(searcher, found).sum()) * (1.0 + charge)
 
 
@@ -71,11 +71,6 @@ def _torque_is_open(problem: Problem) -> bool:
 def _blocks(searcher: Searcher, found: Search) -> np.ndarray:
     """Loss per block (b,) of the model that was found."""
     return found.accepted[-1].blocks if found.accepted else searcher.judged(found.base).blocks
-
-
-def _flexibility(found: Search) -> int:
-    """Parameters of the causes that were found; a missing effect counts as one more."""
-    return sum(len(candidate.variant) + (not candidate.cause.error) for candidate in found.accepted)
 
 
 def _turned_anyway(cause: Cause, wide: Sequence[Parameter]) -> bool:

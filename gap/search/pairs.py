@@ -48,8 +48,11 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     own, settings = found.accepted[place], searcher.settings
     at = [k for k, step in enumerate(found.rounds) if step.accepted][place]
     step = found.rounds[at]
-    worse = [one for one in step.candidates[1:] if one.best <= settings.rival_win_rate and not one.beside]
-    worse = [one for one in worse if one.cause.key not in searcher.replaced]
+    worse = [
+        one
+        for one in step.candidates[1:]
+        if one.best <= settings.rival_win_rate and not one.beside and one.cause.key not in searcher.replaced
+    ]
     pairs = [pair for one in worse[:TRIED] if (pair := _beside(searcher, found, place, one)) is not None]
     if not pairs:
         return False
@@ -105,7 +108,7 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
     one, two = (searcher.candidate(part.cause, part.variant, together) for part in (first, second))
     if decide.inconsistent(one.evidence, settings) or decide.inconsistent(two.evidence, settings):
         return None
-    more = max(_parameters(one) + _parameters(two) - _parameters(own), 1)
+    more = max(one.flexibility + two.flexibility - own.flexibility, 1)
     blocks = two.blocks * (1.0 + settings.parameter_charge * more)
     cause = replace(first.cause, name=f"{first.cause.key}{TOGETHER}{second.cause.key}", about="", degenerates_to=None)
     whole = Candidate(cause, (*one.variant, *two.variant), two.fits, _evidence(cause.key, one, two, blocks))
@@ -119,7 +122,7 @@ def _anew(searcher: Rounds, own: Candidate, part: Candidate, others: Sequence[Ca
     """A cause beside one part of a pair, charged for that."""
     start = {**middle(*part.fits), **middle(*own.fits)}
     judged = searcher.judged(searcher.fit_both(searcher.parameters([*others, own, part]), start))
-    blocks = judged.blocks * (1.0 + searcher.settings.parameter_charge * _parameters(part))
+    blocks = judged.blocks * (1.0 + searcher.settings.parameter_charge * part.flexibility)
     return searcher.candidate(own.cause, own.variant, replace(judged, blocks=blocks))
 
 
@@ -133,8 +136,3 @@ def _evidence(name: str, one: Candidate, two: Candidate, blocks: np.ndarray) -> 
         contradicted=max(one.evidence.contradicted, two.evidence.contradicted),
         limit="",
     )
-
-
-def _parameters(one: Candidate) -> int:
-    """Parameters of a cause; a missing effect counts as one more."""
-    return len(one.variant) + (not one.cause.error)

@@ -45,6 +45,11 @@ class Candidate:
         """Loss of each block under the fit that did not see it (b,)."""
         return self.evidence.blocks
 
+    @property
+    def flexibility(self) -> int:
+        """Parameters that it is charged for; a missing effect counts as one more."""
+        return len(self.variant) + (not self.cause.error)
+
 
 @dataclass(frozen=True, eq=False)
 class Round:
