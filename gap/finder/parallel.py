@@ -66,7 +66,7 @@ def side_by_side(
         in_turn = []
         for number, (joint, diagnose) in enumerate(tasks.items(), 1):
             own = request if len(joints) < 2 else replace(request, progress=_named(joint, request.progress))
-            with kept(joint):
+            with kept(joint), nullcontext() if kept_at() else keeping(None):
                 in_turn.append(_told(diagnose(machine, joint, findings, own), done))
                 if len(joints) > 1:
                     request.progress(_ended(in_turn[-1], len(joints) - number))

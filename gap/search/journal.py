@@ -1,9 +1,9 @@
-"""Fits on disk as they are made, so that a diagnosis that was stopped goes on where it was.
+"""Fits that are kept as they are made, so that none is made twice.
 
-A diagnosis is deterministic: begun again with the same data it asks for the same fits in the same order. Each fit is a
-line of the journal; a fit that is there already is read instead of made. One that differs in anything (start, bounds,
-data, step) is not found and made anew, so that a journal can slow nothing down and change no result. Fits of other code
-are not read: :mod:`sealegs.gap.output.partial` sees to that.
+The ways of a search begin alike, and a diagnosis that was stopped goes on where it was. A fit is deterministic: asked
+again with the same data it ends at the same values, and is read instead of made. One that differs in anything (start,
+bounds, data, step) is not found and made anew, so that a journal can slow nothing down and change no result. On disk
+each fit is a line. Fits of other code are not read: :mod:`sealegs.gap.output.partial` sees to that.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import contextlib
 import hashlib
 import json
 import os
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass
@@ -31,18 +30,46 @@ class Journal:
     """The fits of one diagnosis.
 
     Attributes:
-        path: of the file.
+        path: of the file; None where they are kept in memory alone.
         reused: fits that were read.
         made: fits that were added.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         """Open the journal at ``path`` or begin it; a line that a kill tore is dropped."""
         self.path = path
         self._known: dict[str, dict[str, Any]] = {}
-        self._asked: Counter[str] = Counter()
         self.reused = self.made = 0
-        kept = b""
+        self._file: TextIO | None = None
+        if path is not None:
+            self._read(path)
+            self._file = path.open("a", encoding="utf-8")
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def recall(self, question: str) -> dict[str, Any] | None:
+        """The answer to a question; None where there is none yet."""
+        answer = self._known.get(question)
+        self.reused += answer is not None
+        return answer
+
+    def record(self, question: str, answer: Mapping[str, Any]) -> None:
+        """Keep the answer to a question that :meth:`recall` did not have."""
+        self.made += 1
+        self._known[question] = dict(answer)
+        if self._file is not None:
+            self._file.write(json.dumps({"key": question, **answer}) + "\n")
+            self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+    def _read(self, path: Path) -> None:
+        """Take what is there, and cut off what a kill tore; the file is never rewritten as a whole."""
+        kept = 0
         for line in path.read_bytes().splitlines(keepends=True) if path.exists() else []:
             try:
                 row = parse_json(line)
@@ -51,48 +78,17 @@ class Journal:
                 break
             if not line.endswith(b"\n"):
                 break
-            kept += line
+            kept += len(line)
         if path.exists():
-            os.truncate(path, len(kept))  # what a kill tore off; never rewritten as a whole
-        self._file: TextIO = path.open("a", encoding="utf-8")
-
-    def __len__(self) -> int:
-        return len(self._known)
-
-    def recall(self, question: str) -> dict[str, Any] | None:
-        """The next answer to a question, in the order in which it was asked before; None where there is none yet."""
-        answer = self._known.get(self._key(question))
-        if answer is not None:
-            self._asked[question] += 1
-            self.reused += 1
-        return answer
-
-    def record(self, question: str, answer: Mapping[str, Any]) -> None:
-        """Write the answer to a question that :meth:`recall` did not have."""
-        row = {"key": self._key(question), **answer}
-        self._asked[question] += 1
-        self.made += 1
-        self._known[row["key"]] = row
-        self._file.write(json.dumps(row) + "\n")
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def _key(self, question: str) -> str:
-        return f"{question}-{self._asked[question]}"
+            os.truncate(path, kept)
 
 
 _JOURNAL: ContextVar[Journal | None] = ContextVar("journal", default=None)
 
 
 @contextlib.contextmanager
-def keeping(path: Path | None) -> Iterator[Journal | None]:
-    """Keep the fits that are made in this context at ``path``; None: keep nothing."""
-    if path is None:
-        yield None
-        return
+def keeping(path: Path | None) -> Iterator[Journal]:
+    """Keep the fits that are made in this context at ``path``; None: in memory, until it ends."""
     journal = Journal(path)
     token = _JOURNAL.set(journal)
     try:
