@@ -388,8 +388,7 @@ def joint_case(
         request.progress(f"judging the actuator of {joint} along its measured motion")
         problem = fitting = weigh_channels(converged(driven), request.search)
         seen = (*seen, *limits_of_driven(driven, joint, hidden))
-        causes = with_started_delays(problem, causes)
-    replay = Replay(problem, fitting, wide, tuned, causes, stops, pieces.along)
+    replay = Replay(problem, fitting, wide, tuned, with_started_delays(fitting, causes), stops, pieces.along)
     return replace(
         _judged(joint, replay),
         findings=(*findings, *seen),

@@ -103,7 +103,7 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, taken: T
     if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
         common = [change for item in every for change in shared_changes(robot, item)]
         ranges = [change for item in diagnoses for change in widened_range(robot, item, found)]
-        found = [*of_robot(robot, [*found, *ranges]), *common]
+        found = of_robot(robot, [*found, *ranges, *common])
         chains = {
             joint: tuple(Mounted(robot.frame(joint).chain_to_model(item.chain), item.file) for item in variants)
             for joint, variants in chains.items()

@@ -15,6 +15,7 @@ from ..log.progress import Progress
 from ..log.types import MeasuredSet
 from ..measure.named import CERTAIN, LIKELY, NamedCause
 from ..replay.parameters import Target, address
+from ..robot.encoders import ENCODERS
 from ..search.structure import told_in
 from ..verdict.verdict import JointDiagnosis
 from .draws import with_draws
@@ -77,7 +78,7 @@ def doubted_encoders(diagnosis: JointDiagnosis) -> dict[str, NamedCause]:
     return {
         p.path: doubted[found.cause.name]
         for found in diagnosis.search.accepted
-        if found.cause.error and found.cause.name in doubted
+        if found.cause.name in ENCODERS and found.cause.name in doubted
         for p in found.variant
         if address(p.path).target is Target.STAGE and p.path in diagnosis.values
     }

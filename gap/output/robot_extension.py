@@ -24,12 +24,19 @@ from ..verdict.verdict import JointDiagnosis
 
 BELIEF_WEIGHT = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
 RANGE_MARGIN = 0.02  # of a joint's motion by which a range must be wider than what the log shows
+CARRIED = ("load.mass_factor", "load.payload", "load.centre_shift")
+"""Numbers of a joint that say what its bodies weigh."""
 MAX_DILUTION = 2.0
 """By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
 
 
 def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
-    """Changes of a robot, those of loads by body and in the frame of its model."""
+    """Changes of a robot, those of loads by body and in the frame of its model.
+
+    Where what joints carry is named, factors on it that others only tuned are no evidence against it.
+    """
+    told = [change.path for change in changes if change.owner == "robot" and change.cause]
+    named = any(path in CARRIED or path.startswith("body.") for path in told)
     kept: list[Change] = []
     weights: dict[str, Change] = {}
     inertias: dict[str, Change] = {}
@@ -41,7 +48,8 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
         elif change.path in STOPS:
             kept.append(_stop(robot.frame(name), change))
         elif change.path == "load.mass_factor":
-            weights[name] = change
+            if change.cause or not named:
+                weights[name] = change
         elif change.path == "load.extra_inertia" and not robot.slides(name):
             inertias[name] = change
         elif change.path == "load.payload":

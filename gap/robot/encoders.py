@@ -3,7 +3,8 @@
 Gravity at an elbow hangs on where the shoulder stands. Where the shoulder's zero is wrong, the elbow seems to have a
 wrong zero as well, and a base that is tilted looks like a wrong zero at every joint with an axis along it. So each
 encoder that was named is held against all joints at once: taken as found, how far off do the others stay without
-encoders and loads of their own? The one that leaves least is kept, and the others are judged with it.
+encoders and loads of their own? The one that leaves least is kept, unless the others are further off with it, and those
+that it explains are judged with it.
 """
 
 from __future__ import annotations
@@ -122,6 +123,9 @@ def in_light(
         level = weighed.with_tilt()
         if level < (1.0 - INDISTINCT_LOSS_SHARE) * losses[joint]:
             return replace(light, tilted=True)
+        kept.add(joint)
+        if weighed.speaks_against(suspects[joint]):
+            continue
         light = _judged(
             light,
             weighed,
@@ -130,7 +134,6 @@ def in_light(
             request,
             either=level < (1.0 + INDISTINCT_LOSS_SHARE) * losses[joint],
         )
-        kept.add(joint)
     return light
 
 
@@ -166,6 +169,11 @@ class _Weighed:
         own = [c.variant for c in self.searches[encoder.joint].accepted if c.cause.name in ENCODERS]
         losses = {encoder.joint: self._loss(encoder.joint, merge(self._numbers(encoder.joint), *own))}
         return sum({**self.plain, **self.others(encoder).losses, **losses}.values())
+
+    def speaks_against(self, encoder: Encoder) -> bool:
+        """Whether the joints that feel how it moves are further off with it."""
+        found = self.others(encoder).losses
+        return sum(found.values()) > (1.0 + INDISTINCT_LOSS_SHARE) * sum(self.plain[name] for name in found)
 
     def others(self, encoder: Encoder) -> _Others:
         """Joints that feel how another one moves."""
@@ -221,15 +229,11 @@ def _judged(
     others, said = weighed.others(encoder), encoder.said("m" if weighed.robot.slides(encoder.joint) else "rad")
     asked = {}
     rows = dict(light.rows)
-    named = {d.joint: {cause.name for cause in d.causes} for d in light.found}
     for name, loss in others.losses.items():
         own = slice(T_OWN, T_OWN + T_SIZE)
         more = [a[:, own] - b[:, own] for a, b in zip(others.terms[name], weighed.terms[name], strict=True)]
         rows[name] = [x + y for x, y in zip(rows[name], more, strict=True)] if name in rows else more
-        if abs(loss - weighed.plain[name]) > DEFAULT.shared_error * weighed.plain[name] or named[name] & {
-            *ENCODERS,
-            *LOAD_CAUSES,
-        }:
+        if loss < (1.0 - INDISTINCT_LOSS_SHARE) * weighed.plain[name]:
             sentence = f"'{name}' is judged with the encoder of '{encoder.joint}' as it was found: {said}."
             asked[name] = rows[name], Finding(MISREAD_CODE, "note", name, None, sentence)
     if either:

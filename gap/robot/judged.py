@@ -10,6 +10,7 @@ from ..log.finding import Finding
 from ..measure.case import Case, Replay
 from ..measure.confidence import THRESHOLDS
 from ..measure.measured import Measured, measure
+from ..measure.named import NamedCause
 from ..prepare.request import Request
 from ..search.latency import DELAY, NUMBER
 from ..search.structure import listed, told_in
@@ -68,7 +69,7 @@ def with_robot(
     request.progress("measuring what joints share on runs that nothing has seen")
     measured = measure(Replay(sought.problem, sought.problem), sought.search, ROBOT, request.seed)
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
-    surest = max((cause.confidence for cause in measured.causes), default=0.0)
+    surest = max((of_any(cause, sought) for cause in measured.causes), default=0.0)
     if surest < THRESHOLDS.sure:  # what joints say stands
         return _not_named(found, f"{names} would have a confidence of {surest:.0%}", request)
     units = {number: sought.problem.models[0].units[number] for number in values}
@@ -93,6 +94,12 @@ def with_robot(
         for one in found
     ]
     return [*judged, _of_robot(sought, measured, values)]
+
+
+def of_any(cause: NamedCause, sought: SharedFound) -> float:
+    """Confidence that the robot has a cause or one of its rivals, all of which are of its bodies or its base."""
+    wins = [one.best for one in sought.search.accepted if one.cause.name == cause.name]
+    return min(cause.confidence / max(wins), 1.0) if wins else cause.confidence
 
 
 def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> list[JointDiagnosis]:

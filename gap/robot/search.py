@@ -34,8 +34,10 @@ from .problem import RobotModel, RobotProblem
 
 ROBOT = "robot"
 """What stands in the place of a joint's name for what joints share."""
-LOAD_CAUSES = ("load.mass", "load.inertia", "load.centre_of_mass")
-"""Causes of a joint that may be a part of what the robot has."""
+BODY_CAUSES = ("load.mass", "load.centre_of_mass")
+"""Causes of a joint that its bodies weigh differently."""
+LOAD_CAUSES = (*BODY_CAUSES, "load.inertia")
+"""Causes of a joint that may be a part of what the robot has; an inertia may be its own, of a rotor behind the gear."""
 PLAIN_FRICTIONS = ("friction.coulomb", "friction.viscous")
 """Friction that every joint has."""
 
@@ -49,17 +51,24 @@ class SharedFound:
         search: of what they share.
         tuned: numbers of single joints.
         rows: by number of the robot and joint, what the number adds to the joint's terms in each run (samples, T_SIZE).
+        heavier: joints that were found by themselves to carry other bodies than believed.
     """
 
     problem: RobotProblem
     search: Search
     tuned: tuple[Parameter, ...]
     rows: Mapping[str, Mapping[str, Sequence[Array]]]
+    heavier: frozenset[str] = frozenset()
 
     def widespread(self) -> bool:
-        """Whether what was found helps several joints: what helps one alone is of that joint, whatever it is."""
+        """Whether what was found is of the robot: it helps several joints, or those whose own causes are of its bodies.
+
+        What else helps one joint alone is of that joint, whatever it is.
+        """
+        settings = self.search.settings
         before, after = (self._losses(middle(*pair)) for pair in (self.search.base, self.search.fits))
-        return helps_several(before, after, self.search.settings)
+        joints = helped(before, after, settings)
+        return len(joints) >= settings.shared_joints or (bool(joints) and joints <= self.heavier)
 
     def loss(self) -> float:
         """Loss of all joints on what was fitted, with what was found."""
@@ -102,10 +111,9 @@ class SharedFound:
         return [np.sum(tables, axis=0) for tables in zip(*parts, strict=True)] if parts else None
 
 
-def helps_several(before: Mapping[str, float], after: Mapping[str, float], settings: SearchSettings = DEFAULT) -> bool:
-    """Whether several joints lose a good part of their own loss, however much larger that of another is."""
-    helped = sum(loss - after[joint] > settings.shared_gain * loss for joint, loss in before.items())
-    return helped >= settings.shared_joints
+def helped(before: Mapping[str, float], after: Mapping[str, float], settings: SearchSettings = DEFAULT) -> set[str]:
+    """The joints that lose a good part of their own loss, however much larger that of another is."""
+    return {joint for joint, loss in before.items() if loss - after[joint] > settings.shared_gain * loss}
 
 
 def affected(named: Mapping[str, Iterable[str]], noticed: Mapping[str, bool]) -> bool:
@@ -174,11 +182,16 @@ def search_shared(
     tables = {number: {j: laid(found, problems[j]) for j, found in each.items()} for number, each in rows.items()}
     problem = RobotProblem.of(dict(problems), tables, (model,))
     own = {joint: _own(found, (*LOAD_CAUSES, *apart)) for joint, found in searches.items()}
+    geared = {joint: _own(found, (*BODY_CAUSES, *apart)) for joint, found in searches.items()}
+    heavier = frozenset(j for j, found in searches.items() if any(c.cause.name in BODY_CAUSES for c in found.accepted))
     plain = {joint: _friction(problems[joint], found) for joint, found in searches.items()}
     rotors = {joint: _rotor(problem) for joint, problem in problems.items()}
     # each joint's own search has been there: sixty numbers take long from anywhere else
     known = {f"{joint}{BAR}{path}": x for joint, found in searches.items() for path, x in middle(*found.fits).items()}
     tries: list[tuple[Mapping[str, Sequence[Parameter]], int, Mapping[str, float] | None]] = [(own, 0, known)]
+    if kept := sum(map(len, geared.values())) - sum(map(len, own.values())):
+        tries.append((geared, kept, known))
+    led = len(tries)  # by what was found of the joints
     tries.append((plain, 0, None))  # what a joint was said to have may only have stood in for what all of them share
     if count := sum(map(len, rotors.values())):
         tries.append(({joint: merge(numbers, rotors[joint]) for joint, numbers in plain.items()}, count, None))
@@ -187,11 +200,9 @@ def search_shared(
     for beside, more, start in tries:
         tuned = tuple(p.of_joint(joint) for joint, numbers in beside.items() for p in numbers)
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on, start=start).run()
-        sought.append(SharedFound(problem, search, tuned, rows))
+        sought.append(SharedFound(problem, search, tuned, rows, heavier))
         charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))
-        if search.record.last.round.excess < settings.far:
-            break
-        if len(sought) == 2 and min(one.search.record.last.round.excess for one in sought) < settings.far:
+        if len(sought) >= led and min(one.search.record.last.round.excess for one in sought) < settings.far:
             break  # no rotor is missing where what is left is small
     taken = [k for k, item in enumerate(sought) if item.search.accepted]
     return sought[min(taken, key=charged.__getitem__, default=0)]

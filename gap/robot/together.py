@@ -263,8 +263,13 @@ def of_all(diagnoses: Sequence[JointDiagnosis], told: OfAll) -> list[JointDiagno
         causes=(cause,),
     )
     case = Case(ROBOT, signal=f"{ROBOT}.position", unit=NOISE_FLOORS)
-    said = Verdict(EXPLAINED if share >= EXPLAINED_SHARE else PARTLY, sentence, (reason,))
+    said = Verdict(_verdict(share), sentence, (reason,))
     return [*diagnoses, JointDiagnosis(case, said, measured)]
+
+
+def _verdict(share: float) -> str:
+    """Of the robot, by the share of its gap that a cause of all joints explains."""
+    return EXPLAINED if share >= EXPLAINED_SHARE else PARTLY
 
 
 def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> JointDiagnosis:
@@ -281,7 +286,9 @@ def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> Join
     sentence = f"All joints: {size}; beside it {others} ({certainty(robot.causes)})."
     if causes[0] is not cause:
         sentence = f"{robot.sentence.removesuffix('.')}; beside it the {size}."
+    verdict = EXPLAINED if EXPLAINED in (robot.verdict, _verdict(share)) else PARTLY
     return robot.changed(
+        verdict=verdict,
         causes=causes,
         sentence=sentence,
         shared_shares={name: part for name, part in robot.shared_shares.items() if name != cause.name},

@@ -5,6 +5,7 @@ The search itself decides with these functions, so a record decided again with t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,24 +76,17 @@ def hopeless(
     return excess > settings.open_excess and optimum - cost < settings.hopeless_gain * needed
 
 
-def ranked(candidates: tuple[Evidence, ...], settings: SearchSettings) -> list[int]:
-    """Indices of the best variant of each cause that the log does not contradict, least loss first."""
+def ranked(candidates: Sequence[Evidence], settings: SearchSettings) -> list[int]:
+    """Indices of the best variant of each cause that the log does not contradict, least charged loss first."""
+    charged = [float(one.blocks.sum()) * (1.0 + settings.parameter_charge * one.flexibility) for one in candidates]
+    # another form than the usual one fits more and extrapolates worse
+    formed = [x * (1.0 if one.usual else settings.form_charge) for x, one in zip(charged, candidates, strict=True)]
     chosen: dict[str, int] = {}
     for k, candidate in enumerate(candidates):
-        if candidate.contradicted > settings.most_contradicted:
-            continue
-        rival = chosen.get(candidate.name)
-        if rival is None or _charged(candidate, settings) < _charged(candidates[rival], settings):
-            chosen[candidate.name] = k
-    # of a wrong number and a missing effect that do about as well, the number is meant
-    charge = {k: 1.0 if candidates[k].number else 1.0 + settings.parameter_charge for k in chosen.values()}
-    return sorted(chosen.values(), key=lambda k: float(candidates[k].blocks.sum()) * charge[k])
-
-
-def _charged(candidate: Evidence, settings: SearchSettings) -> float:
-    """Loss with a charge per parameter and for another form: of variants that do about as well, the simplest."""
-    form = 1.0 if candidate.usual else settings.form_charge
-    return float(candidate.blocks.sum()) * (1.0 + settings.parameter_charge * candidate.parameters) * form
+        if candidate.contradicted <= settings.most_contradicted:
+            rival = chosen.setdefault(candidate.name, k)
+            chosen[candidate.name] = min(rival, k, key=formed.__getitem__)
+    return sorted(chosen.values(), key=charged.__getitem__)
 
 
 def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[Standing]:
@@ -105,6 +99,8 @@ def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[
     weights = block_weights(len(record.before), settings.draws, rng)
     totals, count = weights @ table.T, float(record.counts.sum())
     better = (totals < (weights @ record.before)[:, None]).mean(axis=0)
+    # of what does about as well, the simplest is meant
+    totals *= [1.0 + settings.parameter_charge * record.candidates[k].parameters for k in order]
     # a loss below one a value says that the noise is less than believed, and not that causes are told apart by it
     totals += settings.shared_error * max(table.sum(axis=1).min(), count) * rng.normal(size=totals.shape)
     limits = [record.candidates[k].limit for k in order]

@@ -15,7 +15,7 @@ from ..causes.cause import Cause
 from ..log.parts import FIT_A, FIT_B
 from ..replay.comparison import rms
 from ..replay.parameters import Parameter
-from ..replay.problem import Problem
+from ..replay.problem import Problem, periods_of
 from .fit import Fit, fit, merge
 from .intervals import intervals
 from .settings import SearchSettings
@@ -33,6 +33,7 @@ LOOKED_FOR = (
     "contact.blocked",
 )
 """Causes that every machine may have; the first number of each is turned."""
+DELAY = LOOKED_FOR[0]
 ITERATIONS = 10
 DRAWS = 200  # of the bootstrap that widens the intervals
 
@@ -99,6 +100,13 @@ def look(problem: Problem, wide: Sequence[Parameter], causes: Sequence[Cause], s
             more.append(first)
     parameters = tuple(merge(wide, more))
     found = fit(part, parameters, None, ITERATIONS)
+    # columns that are read once a sample leave a delay minima of their own, a sample apart
+    apart = 0.5 * min(periods_of(part))
+    for (first, *_), *_, (last, *_) in [cause.variants for cause in causes if cause.name == DELAY]:
+        if abs(last.start - first.start) > apart:
+            other = fit(part, parameters, {last.path: last.start}, ITERATIONS)
+            elsewhere = abs(other.values[last.path] - found.values[last.path]) > apart
+            found = other if elsewhere and other.cost < found.cost else found
     bounds = intervals(part, parameters, found, draws=DRAWS)
     before, after = (rms(part.position_error(row)) for row in (part.simulate([{}])[0], found.simulated))
     return Look(part, parameters, found, bounds, owner, (before, after))

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from . import decide
 from .fit import middle
 from .record import TOGETHER, Evidence, RoundRecord, Step
@@ -28,7 +26,7 @@ class Pair:
 
     Attributes:
         parts: the two, as they are together.
-        whole: both as one candidate, charged for what they turn beyond the one that stands there.
+        whole: both as one candidate, charged for what they turn.
         beside: the one that stands there beside the second of the two, and beside the first, charged for these; where
             the two do better than it alone. What one of them mends is not to the credit of the pair.
     """
@@ -108,10 +106,8 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
     one, two = (searcher.candidate(part.cause, part.variant, together) for part in (first, second))
     if decide.inconsistent(one.evidence, settings) or decide.inconsistent(two.evidence, settings):
         return None
-    more = max(one.flexibility + two.flexibility - own.flexibility, 1)
-    blocks = two.blocks * (1.0 + settings.parameter_charge * more)
     cause = replace(first.cause, name=f"{first.cause.key}{TOGETHER}{second.cause.key}", about="", degenerates_to=None)
-    whole = Candidate(cause, (*one.variant, *two.variant), two.fits, _evidence(cause.key, one, two, blocks))
+    whole = Candidate(cause, (*one.variant, *two.variant), two.fits, _evidence(cause.key, one, two))
     beside: tuple[Candidate, ...] = ()
     if whole.blocks.sum() < own.blocks.sum():
         beside = tuple(_anew(searcher, own, part, others) for part in (two, one))
@@ -126,13 +122,12 @@ def _anew(searcher: Rounds, own: Candidate, part: Candidate, others: Sequence[Ca
     return searcher.candidate(own.cause, own.variant, replace(judged, blocks=blocks))
 
 
-def _evidence(name: str, one: Candidate, two: Candidate, blocks: np.ndarray) -> Evidence:
+def _evidence(name: str, one: Candidate, two: Candidate) -> Evidence:
     return replace(
         two.evidence,
         name=name,
-        number=one.cause.error and two.cause.error,
-        parameters=len(one.variant) + len(two.variant),
-        blocks=blocks,
+        number=True,
+        parameters=one.flexibility + two.flexibility,  # an effect among them is charged for as one
         contradicted=max(one.evidence.contradicted, two.evidence.contradicted),
         limit="",
     )

@@ -53,6 +53,11 @@ class Evidence:
     excess: float = float("nan")
     limit: str = ""
 
+    @property
+    def flexibility(self) -> int:
+        """Parameters that it is charged for; a missing effect counts as one more than a wrong number."""
+        return self.parameters + (not self.number)
+
 
 @dataclass(frozen=True, eq=False)
 class RoundRecord:

@@ -48,7 +48,7 @@ class Candidate:
     @property
     def flexibility(self) -> int:
         """Parameters that it is charged for; a missing effect counts as one more."""
-        return len(self.variant) + (not self.cause.error)
+        return self.evidence.flexibility
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,7 +213,7 @@ class SearchSettings:
     )
     parameter_charge: float = threshold(
         0.02,
-        "Share of the loss that each further parameter of a variant must remove. Compared with a wrong number, a "
+        "Share of the loss that each further parameter of a candidate must remove. Compared with a wrong number, a "
         "missing effect counts as one parameter more.",
         decides=True,
     )

@@ -28,7 +28,7 @@ from ..measure.measured import Measured
 from ..measure.named import CERTAIN, WITHDRAWN, NamedCause, OpenCause
 from ..measure.signatures import disagreeing
 from ..measure.unseen import first
-from ..replay.problem import OF_A_ROBOT, JointProblem, diverged
+from ..replay.problem import NOISE_FLOORS, OF_A_ROBOT, JointProblem, diverged
 from ..search.settings import DEFAULT
 from ..search.structure import listed
 from .verdict import (
@@ -251,7 +251,8 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     if doubtful and certain and not found.case.still:
         return _beside(found, certain, doubtful[0])
     unsure = all(cause.confidence < limit.sure for cause in causes)
-    if unsure and _named(found) < max(_numbers(found), found.measured.left):
+    of_single_joints = found.case.unit == NOISE_FLOORS  # whose numbers are told there, and are no rivals
+    if unsure and _named(found) < max(0.0 if of_single_joints else _numbers(found), found.measured.left):
         return _outweighed(found)
     if doubtful and (doubtful[0] is causes[0] or not noticed):
         return _rivalled(found, doubtful[0])
@@ -307,6 +308,8 @@ def _beside_numbers(found: Replayed, causes: Sequence[NamedCause]) -> tuple[str,
         return subject(causes), verb(causes, "explains", "explain")
     names = subject(causes)
     numbers = "Refitted numbers" if found.measured.beside else "Tuned numbers"
+    if found.case.unit == NOISE_FLOORS:
+        numbers = "What single joints have"
     return f"{numbers}{', ' if ' and ' in names else ' and '}{names}", "explain"
 
 

@@ -83,6 +83,18 @@ def test_the_ground_is_sought_with_the_settings_that_were_asked_for(monkeypatch:
     assert settings in asked and True in asked
 
 
+def accepted(key: str, best: float = 1.0) -> Any:
+    """What a search of the robot accepted."""
+    return SimpleNamespace(cause=SimpleNamespace(key=key, name=key.partition(" ")[0]), best=best)
+
+
+def test_what_of_the_bodies_it_is_may_stay_open() -> None:
+    """A payload that a centre of mass fits as well was left to the joints, which said another."""
+    sought: Any = SimpleNamespace(search=SimpleNamespace(accepted=[accepted("load.mass", 0.6)]))
+    cause = NamedCause("load.mass", "", ROBOT, 0.1, 0.54, {}, 0.5, "number", rivals=("load.centre_of_mass",))
+    assert shared.of_any(cause, sought) == pytest.approx(0.9)
+
+
 @pytest.mark.long
 def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its rivals were dropped, and its report had no rounds."""
@@ -91,7 +103,7 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     errors = {name: Error(rmse, rmse) for name, rmse in (("nominal", 0.02), ("extended", 6e-4), ("noise_floor", 6e-4))}
     errors["refitted"] = errors["nominal"]
     measured = Measured(errors, errors["nominal"], structure=Structure(0.0, 0.0), causes=(cause,), tuned_share=0.1)
-    search = SimpleNamespace(accepted=[SimpleNamespace(cause=SimpleNamespace(key="load.mass"))], rounds=())
+    search = SimpleNamespace(accepted=[accepted("load.mass")], rounds=())
     problem = SimpleNamespace(units=(), signal=("position", "rad"))
     asked: list[Any] = []
 
@@ -125,10 +137,10 @@ def test_what_joints_do_not_share_after_all_is_told(
 ) -> None:
     """A centre of mass was found, said in the progress alone, and never heard of again."""
     run = two_link_run(tmp_path, 2.0)
-    search = SimpleNamespace(accepted=[SimpleNamespace(cause=SimpleNamespace(key="load.centre_of_mass (head)"))])
+    search = SimpleNamespace(accepted=[accepted("load.centre_of_mass (head)")])
     problem = SimpleNamespace(models=[SimpleNamespace(units={})])
     sought = SimpleNamespace(search=search, problem=problem, rows={}, widespread=lambda: widespread)
-    measured = SimpleNamespace(values={}, causes=[SimpleNamespace(confidence=confidence)])
+    measured = SimpleNamespace(values={}, causes=[SimpleNamespace(name="load.centre_of_mass", confidence=confidence)])
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
     monkeypatch.setattr(shared, "search_shared", lambda *given, **named: sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)

@@ -152,6 +152,18 @@ def test_joints_that_disagree_a_little_take_no_body_away(recorded: MeasuredRun) 
         assert len(masses) == len(JOINTS) and all(0.8 < factor < 1.2 for factor in masses)
 
 
+def test_factors_that_were_only_tuned_are_no_evidence_against_a_mass_that_is_named(recorded: MeasuredRun) -> None:
+    """Beside a payload at the end, the link before it was handed over at 0.05 times its mass."""
+    tuned = replace(change("shoulder", "load.mass_factor", 1.02), cause="")
+    heavier = [tuned, change("elbow", "load.mass_factor", 1.65)]
+    masses = {item.joint: item.after for item in of_robot(robot(recorded), heavier)}
+    assert masses == {"elbow_link": pytest.approx(1.65, abs=0.01)}
+    (payload,) = of_robot(
+        robot(recorded), [tuned, Change("elbow_link", "body.payload", 0.0, 0.1, "load.mass", "robot")]
+    )
+    assert payload.path == "body.payload"
+
+
 def test_an_inertia_that_is_less_than_the_models_is_taken_from_the_body(recorded: MeasuredRun) -> None:
     believed, found = felt(recorded, [change("elbow", "load.extra_inertia", -1.5e-4)], "elbow")
     np.testing.assert_allclose(found[:, 2], believed[:, 2] - 1.5e-4, atol=1e-7)

@@ -157,6 +157,18 @@ def test_an_encoder_whose_error_is_doubted_stays_as_believed(standing: str, hand
     assert handed or (said is not None and "sensor.scale of 'servo' (confidence 29%)" in said["left"])
 
 
+def test_only_encoders_are_withheld_where_they_are_doubted() -> None:
+    """A payload of the robot that a centre of mass might have been was not handed over, as if it were an encoder."""
+    found, _ = small_diagnosis()
+    assert found.search is not None
+    (entry,) = catalogue(found.problem.models[0], ["load.mass"])  # type: ignore[union-attr]
+    path = entry.variants[0][0].path
+    cause = NamedCause("load.mass", "", found.joint, 0.3, 0.29, {}, 0.5, "number", standing="possible")
+    accepted = replace(found.search.accepted[0], cause=entry, variant=entry.variants[0])
+    heavier = found.changed(search=replace(found.search, accepted=(accepted,)), causes=(cause,), values={path: 1.5})
+    assert not module.doubted_encoders(heavier) and module.without_doubted_encoders(heavier).values == {path: 1.5}
+
+
 @pytest.mark.long
 def test_a_log_in_degrees_is_simulated_in_radians(tmp_path: Path) -> None:
     """The errors were those of a machine that flew apart: 86 rad, under warnings of the engine."""

@@ -17,7 +17,9 @@ from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.output import partial
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
+from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.replay.problem import Problem
+from sealegs.gap.search.fit import fit
 from sealegs.gap.search.journal import keeping, recalled, recorded
 
 from tests.smooth_bench import CHAIN, PARAMS
@@ -54,6 +56,18 @@ def test_a_fit_is_read_again_for_the_same_data_commands_weights_and_step_only(tm
         "chain": replace(problem, models=(problem.models[0].with_values({"delay.seconds": 0.01}),)),
     }
     assert not [name for name, other in others.items() if is_known(other, tmp_path)]
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_fit_that_is_asked_for_twice_is_made_once(tmp_path: Path, kept: bool) -> None:
+    """Two ways of a search that begin alike made a quarter of their fits twice."""
+    problem, parameters = problem_with(), (Parameter("friction.coulomb", "N.m", 0.0, 1.0, 0.05, 0.1),)
+    with keeping(tmp_path / "fits.jsonl" if kept else None) as journal:
+        first, again = fit(problem, parameters), fit(problem, parameters)
+        fit(problem, parameters, {"friction.coulomb": 0.06})
+        assert (journal.made, journal.reused) == (2, 1)
+    assert first.values == again.values and first.cost == again.cost
+    np.testing.assert_array_equal(first.simulated, again.simulated)
 
 
 def test_fits_of_other_code_are_not_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

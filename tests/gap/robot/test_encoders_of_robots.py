@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import pytest
@@ -15,8 +17,11 @@ from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.measure.named import CERTAIN
 from sealegs.gap.output.robot_extension import of_robot, widened_range
 from sealegs.gap.prepare.frames import in_likely_frames
+from sealegs.gap.prepare.request import Request
 from sealegs.gap.replay.tree import axis_of, motion_of, told_range
+from sealegs.gap.robot import encoders
 from sealegs.gap.robot.encoders import Encoder, corrected
+from sealegs.gap.robot.joints import Joints
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.logs import hidden_arm
@@ -68,6 +73,42 @@ def test_a_wrong_zero_is_named_at_one_joint(tmp_path: Path, joint: str, zero: fl
     if joint == "shoulder":  # a base that is tilted about the shoulder's axis is the same
         assert "load.tilt" in cause.rivals and cause.standing != CERTAIN
         assert any(f.code == "robot.encoder_or_tilt" and "level" in f.sentence for f in found[joint].findings)
+
+
+class Weighed:
+    """Losses of a tilt that feels how a pan moves: 10, and another with the pan's encoder."""
+
+    plain: ClassVar = {"pan": 5.0, "tilt": 10.0}
+    speaks_against = encoders._Weighed.speaks_against
+
+    def __init__(self, tilt: float) -> None:
+        self.losses = {"tilt": tilt}
+
+    def with_encoder(self, encoder: Encoder) -> float:
+        del encoder
+        return 1.0 + self.losses["tilt"]
+
+    def with_tilt(self) -> float:
+        return 100.0
+
+    def others(self, encoder: Encoder) -> SimpleNamespace:
+        del encoder
+        return SimpleNamespace(losses=self.losses, runs=["mended"], terms={})
+
+
+@pytest.mark.parametrize(("loss", "judged"), [(4.0, True), (40.0, False)])
+def test_an_encoder_that_the_other_joints_are_further_off_with_stays_a_matter_of_its_joint(
+    monkeypatch: pytest.MonkeyPatch, loss: float, judged: bool
+) -> None:
+    """A pan said with 40 % to read 0.94 of its angle, so the tilt was searched anew, and lost its payload."""
+    pan: Any = SimpleNamespace(joint="pan")
+    monkeypatch.setattr(encoders, "misread", lambda one: Encoder("pan", 0.0, 0.94))
+    monkeypatch.setattr(encoders, "joints_of", lambda *given: Joints(cast(Any, {"pan": 1, "tilt": 2}), {}))
+    monkeypatch.setattr(encoders, "_Weighed", lambda *given: Weighed(loss))
+    asked: list[str] = []
+    monkeypatch.setattr(encoders, "_judged", lambda light, *given, **named: asked.append("tilt") or light)
+    light = encoders.in_light(cast(Any, None), [], [pan], Request(), lambda asked: [])
+    assert light.found == [pan] and bool(asked) == judged
 
 
 # --- ranges of a robot's file that its log goes beyond -------------------------------------------------------------

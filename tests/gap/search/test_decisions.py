@@ -71,6 +71,15 @@ def test_of_several_variants_of_a_cause_the_best_stands_for_it() -> None:
     assert named((unusual, None)) == (("b",), True)
 
 
+def test_of_causes_that_do_about_as_well_the_one_with_fewer_numbers_wins() -> None:
+    """A centre of mass in three directions won over a payload by half a percent."""
+    one, three = evidence("payload", 0.4, number=True), evidence("centre", 0.405, number=True, parameters=3)
+    order = standings(round_of(one, three), DEFAULT, 0)
+    assert order[0].index == 0 and order[0].best > 0.6
+    better = evidence("centre", 0.5, number=True, parameters=3)
+    assert standings(round_of(one, better), DEFAULT, 0)[0].index == 1
+
+
 @pytest.mark.parametrize(
     "changes",
     [
