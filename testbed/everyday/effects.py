@@ -70,7 +70,12 @@ EFFECTS = {
         ("drive.resistance",), ("dc_motor.resistance",), (1.25, 1.7), "resistance", _times, factor=True
     ),
     "armature": Hidden(
-        ("load.inertia",), ("dc_motor.armature", "load.extra_inertia"), (1.4, 2.2), "armature", _times, factor=True
+        ("load.inertia",),
+        ("dc_motor.armature", "load.extra_inertia", "load.rotor_inertia"),
+        (1.4, 2.2),
+        "armature",
+        _times,
+        factor=True,
     ),
     "thermal": Hidden(("drive.thermal",), ("thermal.loss",), (0.004, 0.01), "loss", _is),
     "gain": Hidden(("drive.gain",), ("position_p.gain",), (0.6, 0.85), "gain", _times, factor=True),

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.hidden_everyday import (
     bodies_right,
     false_names,
+    holds,
     named_first,
     one_latency,
     page,
@@ -64,7 +65,7 @@ def test_equal_seeds_give_equal_logs_and_a_null_hides_nothing(tmp_path: Path) ->
 
 
 def test_a_bench_of_sixty_hides_every_effect_at_machines_of_every_kind() -> None:
-    cases = [drawn(number, 2900 + number) for number in range(60)]
+    cases = [drawn(number, 4900 + number) for number in range(60)]
     hidden = {name for case in cases for name, _, _ in case.effects}
     assert hidden >= {*EFFECTS, *SHARED, *STRANGERS, "payload"}
     assert {case.name for case in cases if case.kind == "null"} == set(MACHINES)
@@ -121,6 +122,15 @@ def test_the_largest_effect_counts_where_it_is_first_and_its_interval_holds_the_
     narrow = row([named("drive.delay", 0.7, delay__seconds=[0.018, 0.017, 0.019])])
     assert right_first(narrow, "hip") == "size" and not one_latency(narrow)
     assert right_first(row([]), "hip") == "none"
+
+
+def test_an_inertia_told_of_the_rotor_is_the_armature_that_was_hidden() -> None:
+    """A rotor's 0.0210 [0.0203, 0.0233] kg.m2 for 0.0220 were counted as of the wrong size."""
+    known = EFFECTS["armature"]
+    hidden = {"name": "armature", "joint": "hip", "cause": list(known.cause), "number": list(known.number),
+              "values": [0.048, 1.85, 0.022]}  # fmt: skip
+    cause = named("load.inertia", 0.9, load__rotor_inertia=[0.021, 0.0203, 0.0233])
+    assert holds(row([]), hidden, cause)
 
 
 def test_a_latency_that_each_joint_has_for_itself_is_not_told_as_one() -> None:
