@@ -45,7 +45,15 @@ from ..replay.tree import HELD
 from ..robot.encoders import beside_tilt
 from ..robot.joints import Asked
 from ..robot.judged import with_robot
-from ..robot.together import FirstLook, beside_latency, look_at, seek_latency, with_latency, with_supply
+from ..robot.together import (
+    FirstLook,
+    agreed_latency,
+    beside_latency,
+    look_at,
+    seek_latency,
+    with_latency,
+    with_supply,
+)
 from ..search.channels import weigh_channels
 from ..search.delays import with_started_delays
 from ..search.forward import NUMERICAL, Searcher
@@ -143,7 +151,8 @@ def diagnose(
             work = partial(diagnose_imu, machine.runs, frames, progress)
             found.append(_kept(IMU, "the IMU", (), request, work))
             done(found[-1])
-    named = with_supply(with_latency(found, request.latency), request.latency)
+    found, latency = agreed_latency(found) if request.latency is None else (found, request.latency)
+    named = with_supply(with_latency(found, latency), latency)
     for joint in named[len(found) :]:
         done(joint)
     if errors:

@@ -159,6 +159,44 @@ def headed(diagnosis: JointDiagnosis, found: Latency | None) -> JointDiagnosis:
     return diagnosis.changed(verdict=verdict, sentence=sentence)
 
 
+def agreed_latency(diagnoses: Sequence[JointDiagnosis]) -> tuple[list[JointDiagnosis], Latency | None]:
+    """Joints that were each found to be as late, which a first look did not see, and the latency that is theirs.
+
+    Args:
+        diagnoses: of the joints, and of the robot.
+    """
+    joints, mean, half, told = _agreed(diagnoses, DELAY, NUMBER, lambda one: one.problem is not None)
+    replayed = [one for one in diagnoses if one.problem is not None and one.problem.joint is not None]
+    believed = {told[joint].parameters[NUMBER].nominal for joint in joints}
+    if len(joints) < AGREEING * len(replayed) or len(believed) != 1:
+        return list(diagnoses), None
+    sure = max(told[joint].confidence for joint in joints)
+    found = Latency(mean, max(mean - half, 0.0), mean + half, believed.pop(), tuple(joints), sure)
+    late = [headed(_without(one, told[one.joint], NUMBER), found) if one.joint in joints else one for one in diagnoses]
+    return late, found
+
+
+def _agreed(
+    diagnoses: Sequence[JointDiagnosis], name: str, number: str, may: Callable[[JointDiagnosis], bool]
+) -> tuple[list[str], float, float, dict[str, NamedCause]]:
+    """Joints that agree on the number of a cause, its mean and half width, and what each joint has of it.
+
+    Args:
+        diagnoses: of the joints, and of the robot.
+        name, number: of the cause.
+        may: whether a joint's may be one with that of others.
+    """
+    told = {one.joint: cause for one in diagnoses for cause in one.causes if cause.name == name and may(one)}
+    values = {joint: cause.parameters[number] for joint, cause in told.items() if number in cause.parameters}
+    halves = {joint: 0.5 * (value.high - value.low) for joint, value in values.items()}
+    joints = agreeing({joint: (value.value, ROOM * halves[joint]) for joint, value in values.items()})
+    if len(joints) < max(2, AGREEING * len(told)):
+        return [], 0.0, 0.0, told
+    mean, half = mean_of([(values[joint].value, halves[joint]) for joint in joints])
+    # clocks, and what drives draw from each other, are wrong for all of them alike: no mean narrows that
+    return joints, mean, half * len(joints) ** 0.5, told
+
+
 def with_latency(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> list[JointDiagnosis]:
     """The diagnoses with the latency named once, at the robot."""
     if found is None:
@@ -174,17 +212,16 @@ def with_supply(diagnoses: Sequence[JointDiagnosis], found: Latency | None) -> l
         diagnoses: of the joints, and of the robot.
         found: the latency of all joints.
     """
-    told = {one.joint: cause for one in diagnoses for cause in one.causes if cause.name == SAG and _draws(one)}
-    values = {joint: cause.parameters[RESISTANCE] for joint, cause in told.items() if RESISTANCE in cause.parameters}
-    joints = agreeing({joint: (one.value, 0.5 * ROOM * (one.high - one.low)) for joint, one in values.items()})
-    if len(joints) < max(2, AGREEING * len(told)):
+    joints, mean, half, told = _agreed(diagnoses, SAG, RESISTANCE, _draws)
+    if not joints:
         return list(diagnoses)
-    mean, half = mean_of([(values[joint].value, 0.5 * (values[joint].high - values[joint].low)) for joint in joints])
-    half *= len(joints) ** 0.5  # what others draw is worked out of the same numbers for each: no mean narrows that
-    value = Value(mean, max(mean - half, 0.0), mean + half, "ohm", values[joints[0]].nominal)
+    believed = told[joints[0]].parameters[RESISTANCE].nominal
+    value = Value(mean, max(mean - half, 0.0), mean + half, "ohm", believed)
     sure = max(told[joint].confidence for joint in joints)
     words = f"supply {mean:.2g} ohm ({value.low:.2g} to {value.high:.2g}, {value.nominal:.2g} believed)"
-    shared = [headed(_without(one, told[one.joint]), found) if one.joint in joints else one for one in diagnoses]
+    shared = [
+        headed(_without(one, told[one.joint], RESISTANCE), found) if one.joint in joints else one for one in diagnoses
+    ]
     return of_all(shared, OfAll(SAG, RESISTANCE, SUPPLY_SENTENCE, value, sure, words))
 
 
@@ -194,11 +231,11 @@ def _draws(diagnosis: JointDiagnosis) -> bool:
     return joint is not None and joint.terms is not None and bool(joint.terms[:, T_DRAWN].any())
 
 
-def _without(diagnosis: JointDiagnosis, cause: NamedCause) -> JointDiagnosis:
-    """A joint one of whose causes is told of all joints."""
+def _without(diagnosis: JointDiagnosis, cause: NamedCause, number: str) -> JointDiagnosis:
+    """A joint one of whose causes, and the number that it turns, are told of all joints."""
     return diagnosis.changed(
         causes=tuple(one for one in diagnosis.causes if one is not cause),
-        shared={**diagnosis.shared, RESISTANCE: cause.name},
+        shared={**diagnosis.shared, number: cause.name},
         shared_shares={**diagnosis.shared_shares, cause.name: cause.share},
     )
 

@@ -15,7 +15,7 @@ from sealegs.gap.measure.measured import Measured
 from sealegs.gap.measure.named import CERTAIN, Error, NamedCause, Value
 from sealegs.gap.replay.parameters import Parameter, factor
 from sealegs.gap.robot.search import ROBOT, SharedFound
-from sealegs.gap.robot.together import RESISTANCE, SAG, beside_latency, with_latency, with_supply
+from sealegs.gap.robot.together import RESISTANCE, SAG, agreed_latency, beside_latency, with_latency, with_supply
 from sealegs.gap.search.latency import DELAY, NUMBER, Latency, agreeing, apart_from, mean_of
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
 
@@ -198,3 +198,38 @@ def test_the_supply_comes_beside_the_latency_of_all_joints() -> None:
     assert robot.tuned_share + robot.unexplained + sum(one.share for one in robot.causes) == pytest.approx(1.0)
     assert "latency 22.3 ms" in robot.sentence and robot.sentence.endswith("% of the gap.")
     assert "beside it the supply 0.62 ohm" in robot.sentence
+
+
+def late_joints(delays: dict[str, float]) -> list[JointDiagnosis]:
+    """Joints that were each found to be late by so much, within 0.7 ms [s]."""
+    found = []
+    for joint, value in delays.items():
+        parameters = {NUMBER: Value(value, value - 7e-4, value + 7e-4, "s", 0.005)}
+        own = replace(cause(DELAY, 0.6, joint), parameters=parameters)
+        found.append(judged(joint, own, sentence=f"{DELAY} explains the gap of '{joint}'.", tuned_share=0.4))
+    return found
+
+
+def test_a_latency_that_joints_agree_on_after_their_searches_is_told_once() -> None:
+    """A first look took 15.7 ms for 20 at the wrist of a gripper, and both joints had a latency of their own."""
+    joints, found = agreed_latency(late_joints({"wrist": 0.0206, "jaw": 0.0205}))
+    assert (
+        found is not None
+        and found.low < 0.02055 < found.high
+        and found.high - found.low == pytest.approx(1.4e-3, rel=0.1)
+    )
+    *_, robot = with_latency(joints, found)
+    assert robot.joint == ROBOT and [one.name for one in robot.causes] == [DELAY]
+    assert all(not one.causes and one.sentence.startswith("The latency of all joints, 20.") for one in joints)
+
+
+@pytest.mark.parametrize("delays", [{"wrist": 0.0206, "jaw": 0.0123}, {"wrist": 0.0206}])
+def test_joints_that_are_late_by_other_times_have_their_own(delays: dict[str, float]) -> None:
+    late = late_joints(delays)
+    assert agreed_latency(late) == (late, None)
+
+
+def test_a_latency_of_two_joints_of_six_is_not_that_of_the_bus() -> None:
+    others = [judged(joint, sentence="", tuned_share=0.0) for joint in ("a", "b", "c", "d")]
+    late = [*late_joints({"wrist": 0.0206, "jaw": 0.0205}), *others]
+    assert agreed_latency(late)[1] is None
