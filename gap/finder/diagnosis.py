@@ -151,13 +151,19 @@ def diagnose(
             work = partial(diagnose_imu, machine.runs, frames, progress)
             found.append(_kept(IMU, "the IMU", (), request, work))
             done(found[-1])
-    found, latency = agreed_latency(found) if request.latency is None else (found, request.latency)
-    named = with_supply(with_latency(found, latency), latency)
-    for joint in named[len(found) :]:
-        done(joint)
+    named = found if only is not None else _shared_once(found, request)
+    for joint in named:
+        if all(joint is not other for other in found):
+            done(joint)
     if errors:
         raise Unforeseen(errors, named)
     return named
+
+
+def _shared_once(found: list[JointDiagnosis], request: Request) -> list[JointDiagnosis]:
+    """The diagnoses with the latency and the supply told once, where joints share them."""
+    late, latency = agreed_latency(found) if request.latency is None else (found, request.latency)
+    return with_supply(with_latency(late, latency), latency)
 
 
 def _with_robot(
@@ -397,7 +403,9 @@ def joint_case(
         request.progress(f"judging the actuator of {joint} along its measured motion")
         problem = fitting = weigh_channels(converged(driven), request.search)
         seen = (*seen, *limits_of_driven(driven, joint, hidden))
-    replay = Replay(problem, fitting, wide, tuned, with_started_delays(fitting, causes), stops, pieces.along)
+    replay = Replay(
+        problem, fitting, wide, tuned, with_started_delays(fitting, causes, request.search), stops, pieces.along
+    )
     return replace(
         _judged(joint, replay),
         findings=(*findings, *seen),

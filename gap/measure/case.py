@@ -14,6 +14,9 @@ from ..replay.parameters import Parameter
 from ..replay.problem import Problem
 from ..replay.tree import HELD
 
+ROBOT = "robot"
+"""What stands in the place of a joint's name for what joints share."""
+
 
 @dataclass(frozen=True, eq=False)
 class Replay:

@@ -20,8 +20,8 @@ from ...envs.robots import get_robot
 from ..checks.bootstrap import Z95
 from ..log.parts import FIT_A, FIT_B
 from ..log.types import MeasuredSet
+from ..measure.case import ROBOT
 from ..replay.parameters import Parameter, numbers
-from ..robot.search import ROBOT
 from ..search.fit import Fit, merge
 from ..search.intervals import intervals, linearised
 from ..verdict.verdict import JointDiagnosis

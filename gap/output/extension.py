@@ -16,9 +16,9 @@ from ..causes.catalogue import adjustable
 from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
+from ..measure.case import ROBOT
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, about, address
-from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .mjcf import native_mjcf, not_native
 from .robot_extension import of_robot, shared_changes, widened_range

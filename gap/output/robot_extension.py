@@ -7,7 +7,7 @@ model has bodies and an angle of its own, so both are turned into those here.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -18,8 +18,8 @@ from ...envs.extended import Change
 from ..causes.contact import STOPS
 from ..load.robot import Frame, LoggedRobot
 from ..load.tree import NO_LEVER, arm_of, carries, tip_behind
+from ..measure.case import ROBOT
 from ..robot.directions import every
-from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 
 BELIEF_WEIGHT = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
@@ -35,8 +35,7 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
 
     Where what joints carry is named, factors on it that others only tuned are no evidence against it.
     """
-    told = [change.path for change in changes if change.owner == "robot" and change.cause]
-    named = any(path in CARRIED or path.startswith("body.") for path in told)
+    named = {_body(robot, one) for one in changes if one.owner == "robot" and one.cause} - {0}
     kept: list[Change] = []
     weights: dict[str, Change] = {}
     inertias: dict[str, Change] = {}
@@ -48,7 +47,7 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
         elif change.path in STOPS:
             kept.append(_stop(robot.frame(name), change))
         elif change.path == "load.mass_factor":
-            if change.cause or not named:
+            if change.cause or change.refitted or not _related(robot.model, robot.number(name), named):
                 weights[name] = change
         elif change.path == "load.extra_inertia" and not robot.slides(name):
             inertias[name] = change
@@ -61,6 +60,20 @@ def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
             kept.append(change)
     kept += [_payload(body, found) for body, found in payloads.items()]
     return [*kept, *_inertias(robot, inertias), *_masses(robot, weights)]
+
+
+def _body(robot: LoggedRobot, change: Change) -> int:
+    """The body whose weight a change is about, or that of the joint that carries it; 0 for none."""
+    if change.path in CARRIED and robot.number(change.joint) >= 0:
+        return int(robot.model.jnt_bodyid[robot.number(change.joint)])
+    return robot.model.body(change.joint).id if change.path.startswith("body.") else 0
+
+
+def _related(model: mujoco.MjModel, number: int, bodies: Collection[int]) -> bool:
+    """Whether a joint carries one of some bodies, or is carried by one."""
+    own = int(model.jnt_bodyid[number])
+    above = [int(model.body_jntadr[body]) for body in bodies if model.body_jntnum[body]]
+    return any(carries(model, number, body) for body in bodies) or any(carries(model, joint, own) for joint in above)
 
 
 def _payload(body: str, found: Sequence[Change]) -> Change:

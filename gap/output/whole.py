@@ -15,10 +15,10 @@ from ...envs.extended import Extended
 from ..load.robot import LoggedRobot, Machine
 from ..log.progress import Progress
 from ..log.types import MeasuredRun, MeasuredSet
+from ..measure.case import ROBOT
 from ..prepare.checking import check_log
 from ..prepare.resting import without_rests
 from ..replay.engine import Whole, replay_whole, whole, why_not_whole
-from ..robot.search import ROBOT
 from ..verdict.verdict import JointDiagnosis
 from .extension import Taken, as_taken, believed_still
 

@@ -124,16 +124,8 @@ def in_light(
         if level < (1.0 - INDISTINCT_LOSS_SHARE) * losses[joint]:
             return replace(light, tilted=True)
         kept.add(joint)
-        if weighed.speaks_against(suspects[joint]):
-            continue
-        light = _judged(
-            light,
-            weighed,
-            suspects[joint],
-            again,
-            request,
-            either=level < (1.0 + INDISTINCT_LOSS_SHARE) * losses[joint],
-        )
+        either = level < (1.0 + INDISTINCT_LOSS_SHARE) * losses[joint]
+        light = _judged(light, weighed, suspects[joint], again, request, either=either)
     return light
 
 
@@ -227,6 +219,8 @@ def _judged(
 ) -> InLight:
     """Joints judged with the encoder of one, and that one beside a tilted base where that would do as well."""
     others, said = weighed.others(encoder), encoder.said("m" if weighed.robot.slides(encoder.joint) else "rad")
+    if weighed.speaks_against(encoder):
+        others = _Others(list(light.runs), {}, {})  # it is a matter of its joint
     asked = {}
     rows = dict(light.rows)
     for name, loss in others.losses.items():

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..load.robot import Machine
 from ..log.finding import Finding
-from ..measure.case import Case, Replay
+from ..measure.case import ROBOT, Case, Replay
 from ..measure.confidence import THRESHOLDS
 from ..measure.measured import Measured, measure
 from ..measure.named import NamedCause
@@ -18,7 +18,7 @@ from ..verdict.decide import decide
 from ..verdict.verdict import JointDiagnosis, Reason, Replayed
 from .encoders import ENCODERS, in_light
 from .joints import Again, joints_of
-from .search import ROBOT, SharedFound, affected, search_shared
+from .search import SharedFound, affected, search_shared
 from .together import headed, split
 
 NOT_NAMED = "robot.not_shared"
@@ -65,7 +65,7 @@ def with_robot(
         return list(found)
     names = listed([candidate.cause.key for candidate in sought.search.accepted])
     if not sought.widespread():
-        return _not_named(found, f"{names} would lower the error of fewer than two joints by a tenth", request)
+        return _not_named(found, f"{names} would lower the error by a tenth at fewer than two joints", request)
     request.progress("measuring what joints share on runs that nothing has seen")
     measured = measure(Replay(sought.problem, sought.problem), sought.search, ROBOT, request.seed)
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
@@ -99,7 +99,7 @@ def with_robot(
 def of_any(cause: NamedCause, sought: SharedFound) -> float:
     """Confidence that the robot has a cause or one of its rivals, all of which are of its bodies or its base."""
     wins = [one.best for one in sought.search.accepted if one.cause.name == cause.name]
-    return min(cause.confidence / max(wins), 1.0) if wins else cause.confidence
+    return min(cause.confidence / max(wins), 1.0) if any(wins) else cause.confidence
 
 
 def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> list[JointDiagnosis]:

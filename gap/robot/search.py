@@ -32,8 +32,6 @@ from ..search.sketch import spread
 from .directions import Direction, about_joints, centres, masses, payload, rows_of, tilt
 from .problem import RobotModel, RobotProblem
 
-ROBOT = "robot"
-"""What stands in the place of a joint's name for what joints share."""
 BODY_CAUSES = ("load.mass", "load.centre_of_mass")
 """Causes of a joint that its bodies weigh differently."""
 LOAD_CAUSES = (*BODY_CAUSES, "load.inertia")
@@ -68,7 +66,8 @@ class SharedFound:
         settings = self.search.settings
         before, after = (self._losses(middle(*pair)) for pair in (self.search.base, self.search.fits))
         joints = helped(before, after, settings)
-        return len(joints) >= settings.shared_joints or (bool(joints) and joints <= self.heavier)
+        of_bodies = all(one.cause.name in BODY_CAUSES for one in self.search.accepted)
+        return len(joints) >= settings.shared_joints or (of_bodies and bool(joints) and joints <= self.heavier)
 
     def loss(self) -> float:
         """Loss of all joints on what was fitted, with what was found."""
@@ -201,10 +200,12 @@ def search_shared(
         tuned = tuple(p.of_joint(joint) for joint, numbers in beside.items() for p in numbers)
         search = Searcher(problem, _causes(wide), tuned, progress, seed, settings, look_on, start=start).run()
         sought.append(SharedFound(problem, search, tuned, rows, heavier))
-        charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * more))
+        turned = more + sum(one.flexibility for one in search.accepted)
+        charged.append(sought[-1].loss() * (1.0 + settings.parameter_charge * turned))
         if len(sought) >= led and min(one.search.record.last.round.excess for one in sought) < settings.far:
             break  # no rotor is missing where what is left is small
-    taken = [k for k, item in enumerate(sought) if item.search.accepted]
+    # where inertias of the joints do without anything of the robot, that counts as well
+    taken = [k for k, item in enumerate(sought) if item.search.accepted or 0 < k < led]
     return sought[min(taken, key=charged.__getitem__, default=0)]
 
 

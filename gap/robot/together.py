@@ -12,7 +12,7 @@ import numpy as np
 
 from ...common.errors import SealegsError
 from ..load.terms import T_DRAWN
-from ..measure.case import Case, Replay
+from ..measure.case import ROBOT, Case, Replay
 from ..measure.confidence import standing
 from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, Value
@@ -26,7 +26,6 @@ from ..search.look import Look, look
 from ..search.structure import fine, listed
 from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Refused, Verdict
 from ..verdict.words import certainty, subject
-from .search import ROBOT
 
 SAG, RESISTANCE = "drive.supply_sag", "supply.resistance"
 SUPPLY_SENTENCE = "The supply that all joints draw from drops under their currents."
@@ -168,9 +167,10 @@ def agreed_latency(diagnoses: Sequence[JointDiagnosis]) -> tuple[list[JointDiagn
     joints, mean, half, told = _agreed(diagnoses, DELAY, NUMBER, lambda one: one.problem is not None)
     replayed = [one for one in diagnoses if one.problem is not None and one.problem.joint is not None]
     believed = {told[joint].parameters[NUMBER].nominal for joint in joints}
-    if len(joints) < AGREEING * len(replayed) or len(believed) != 1:
-        return list(diagnoses), None
-    sure = max(told[joint].confidence for joint in joints)
+    rivals = set[str].intersection(*(set(told[joint].rivals) for joint in joints)) if joints else set()
+    if len(joints) < AGREEING * len(replayed) or len(believed) != 1 or rivals:
+        return list(diagnoses), None  # what no joint tells from a late reading is not told of all of them
+    sure = sum(told[joint].confidence for joint in joints) / len(replayed)
     found = Latency(mean, max(mean - half, 0.0), mean + half, believed.pop(), tuple(joints), sure)
     late = [headed(_without(one, told[one.joint], NUMBER), found) if one.joint in joints else one for one in diagnoses]
     return late, found
@@ -300,13 +300,8 @@ def of_all(diagnoses: Sequence[JointDiagnosis], told: OfAll) -> list[JointDiagno
         causes=(cause,),
     )
     case = Case(ROBOT, signal=f"{ROBOT}.position", unit=NOISE_FLOORS)
-    said = Verdict(_verdict(share), sentence, (reason,))
+    said = Verdict(EXPLAINED if share >= EXPLAINED_SHARE else PARTLY, sentence, (reason,))
     return [*diagnoses, JointDiagnosis(case, said, measured)]
-
-
-def _verdict(share: float) -> str:
-    """Of the robot, by the share of its gap that a cause of all joints explains."""
-    return EXPLAINED if share >= EXPLAINED_SHARE else PARTLY
 
 
 def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> JointDiagnosis:
@@ -323,7 +318,7 @@ def _beside_others(robot: JointDiagnosis, cause: NamedCause, words: str) -> Join
     sentence = f"All joints: {size}; beside it {others} ({certainty(robot.causes)})."
     if causes[0] is not cause:
         sentence = f"{robot.sentence.removesuffix('.')}; beside it the {size}."
-    verdict = EXPLAINED if EXPLAINED in (robot.verdict, _verdict(share)) else PARTLY
+    verdict = EXPLAINED if share >= EXPLAINED_SHARE else robot.verdict
     return robot.changed(
         verdict=verdict,
         causes=causes,

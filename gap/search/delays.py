@@ -18,7 +18,7 @@ from ..replay.driven import DrivenProblem
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
 from .fit import Fit
-from .settings import DEFAULT
+from .settings import DEFAULT, SearchSettings
 from .sketch import sketch
 
 DELAY = "drive.delay"
@@ -95,7 +95,7 @@ def _alike(
     return inside[0], inside[1]
 
 
-def with_started_delays(problem: Problem, causes: Sequence[Cause]) -> list[Cause]:
+def with_started_delays(problem: Problem, causes: Sequence[Cause], settings: SearchSettings = DEFAULT) -> list[Cause]:
     """Causes of which a delay starts where one of a grid fits best; it is tried first.
 
     A duty or current that is read once a sample jumps a sample later, so that between two of them a fit finds a minimum
@@ -104,13 +104,14 @@ def with_started_delays(problem: Problem, causes: Sequence[Cause]) -> list[Cause
     Args:
         problem: the joint's.
         causes: to be sought.
+        settings: of the search.
     """
     found = list(causes)
     at = next((k for k, cause in enumerate(found) if cause.name == DELAY), None)
     if at is None:
         return found
     ((first, *_), *_) = found[at].variants
-    fitted = sketch(problem.part(FIT_A, FIT_B), DEFAULT.sketched)
+    fitted = sketch(problem.part(FIT_A, FIT_B), settings.sketched)
     believed = problem.models[0].value(first.number)
     period = float(np.median(np.diff(fitted.time)))
     step = max(0.5 * period, MOST / POINTS)

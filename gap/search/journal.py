@@ -99,7 +99,7 @@ def keeping(path: Path | None) -> Iterator[Journal]:
 
 
 def kept_at() -> Path | None:
-    """Where the fits of this context are kept; None where they are not."""
+    """Where the fits of this context are kept on disk; None where they are not."""
     journal = _JOURNAL.get()
     return None if journal is None else journal.path
 

@@ -102,7 +102,8 @@ def look(problem: Problem, wide: Sequence[Parameter], causes: Sequence[Cause], s
     found = fit(part, parameters, None, ITERATIONS)
     # columns that are read once a sample leave a delay minima of their own, a sample apart
     apart = 0.5 * min(periods_of(part))
-    for (first, *_), *_, (last, *_) in [cause.variants for cause in causes if cause.name == DELAY]:
+    for cause in [cause for cause in causes if cause.name == DELAY]:
+        first, last = cause.variants[0][0], cause.variants[-1][0]
         if abs(last.start - first.start) > apart:
             other = fit(part, parameters, {last.path: last.start}, ITERATIONS)
             elsewhere = abs(other.values[last.path] - found.values[last.path]) > apart

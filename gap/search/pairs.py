@@ -26,7 +26,7 @@ class Pair:
 
     Attributes:
         parts: the two, as they are together.
-        whole: both as one candidate, charged for what they turn.
+        whole: both as one candidate, charged for what they turn beyond the one that stands there.
         beside: the one that stands there beside the second of the two, and beside the first, charged for these; where
             the two do better than it alone. What one of them mends is not to the credit of the pair.
     """
@@ -76,8 +76,10 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
         )
         return False
     searcher.replaced.add(own.cause.key)
+    others = [one for k, one in enumerate(found.accepted) if k != place]
+    beside = taken.beside or tuple(_anew(searcher, own, part, others) for part in taken.parts[::-1])
     found.accepted[place : place + 1] = taken.parts
-    places = zip(taken.parts, taken.beside, strict=True)
+    places = zip(taken.parts, beside, strict=True)
     found.rounds[at : at + 1] = [Round(step.before, (one, rival), True, step.excess) for one, rival in places]
     found.rounds[:] = [one for one in found.rounds if one.accepted]
     found.put(searcher.of(taken.parts[1]))
@@ -106,8 +108,11 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
     one, two = (searcher.candidate(part.cause, part.variant, together) for part in (first, second))
     if decide.inconsistent(one.evidence, settings) or decide.inconsistent(two.evidence, settings):
         return None
+    more = max(one.flexibility + two.flexibility - own.flexibility, 1)
     cause = replace(first.cause, name=f"{first.cause.key}{TOGETHER}{second.cause.key}", about="", degenerates_to=None)
-    whole = Candidate(cause, (*one.variant, *two.variant), two.fits, _evidence(cause.key, one, two))
+    whole = Candidate(
+        cause, (*one.variant, *two.variant), two.fits, _evidence(cause.key, one, two, own.evidence.parameters + more)
+    )
     beside: tuple[Candidate, ...] = ()
     if whole.blocks.sum() < own.blocks.sum():
         beside = tuple(_anew(searcher, own, part, others) for part in (two, one))
@@ -122,12 +127,12 @@ def _anew(searcher: Rounds, own: Candidate, part: Candidate, others: Sequence[Ca
     return searcher.candidate(own.cause, own.variant, replace(judged, blocks=blocks))
 
 
-def _evidence(name: str, one: Candidate, two: Candidate) -> Evidence:
+def _evidence(name: str, one: Candidate, two: Candidate, parameters: int) -> Evidence:
     return replace(
         two.evidence,
         name=name,
         number=True,
-        parameters=one.flexibility + two.flexibility,  # an effect among them is charged for as one
+        parameters=parameters,
         contradicted=max(one.evidence.contradicted, two.evidence.contradicted),
         limit="",
     )

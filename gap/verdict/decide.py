@@ -22,13 +22,13 @@ from collections.abc import Sequence
 
 from ..experiment import Experiment
 from ..log.finding import Finding
-from ..measure.case import Case
+from ..measure.case import ROBOT, Case
 from ..measure.confidence import THRESHOLDS, Adrift, Thresholds
 from ..measure.measured import Measured
 from ..measure.named import CERTAIN, WITHDRAWN, NamedCause, OpenCause
 from ..measure.signatures import disagreeing
 from ..measure.unseen import first
-from ..replay.problem import NOISE_FLOORS, OF_A_ROBOT, JointProblem, diverged
+from ..replay.problem import OF_A_ROBOT, JointProblem, diverged
 from ..search.settings import DEFAULT
 from ..search.structure import listed
 from .verdict import (
@@ -251,8 +251,9 @@ def _with_causes(found: Replayed, limit: Thresholds) -> Verdict:
     if doubtful and certain and not found.case.still:
         return _beside(found, certain, doubtful[0])
     unsure = all(cause.confidence < limit.sure for cause in causes)
-    of_single_joints = found.case.unit == NOISE_FLOORS  # whose numbers are told there, and are no rivals
-    if unsure and _named(found) < max(0.0 if of_single_joints else _numbers(found), found.measured.left):
+    # numbers of single joints are told there, and are no rivals of what the robot has
+    numbers = 0.0 if found.case.joint == ROBOT else _numbers(found)
+    if unsure and _named(found) < max(numbers, found.measured.left):
         return _outweighed(found)
     if doubtful and (doubtful[0] is causes[0] or not noticed):
         return _rivalled(found, doubtful[0])
@@ -308,7 +309,7 @@ def _beside_numbers(found: Replayed, causes: Sequence[NamedCause]) -> tuple[str,
         return subject(causes), verb(causes, "explains", "explain")
     names = subject(causes)
     numbers = "Refitted numbers" if found.measured.beside else "Tuned numbers"
-    if found.case.unit == NOISE_FLOORS:
+    if found.case.joint == ROBOT:
         numbers = "What single joints have"
     return f"{numbers}{', ' if ' and ' in names else ' and '}{names}", "explain"
 

@@ -22,10 +22,10 @@ from ...experiment import Experiment, goal_table
 from ...ground.ground import GROUND
 from ...log.parts import FIT_A, FIT_B, TEST
 from ...log.types import MeasuredRun, MeasuredSet
+from ...measure.case import ROBOT
 from ...measure.named import NamedCause, Value
 from ...replay.parameters import address
 from ...replay.problem import Problem
-from ...robot.search import ROBOT
 from ...search.result import Search
 from ...search.structure import told_in
 from ...verdict.verdict import JointDiagnosis

@@ -21,12 +21,12 @@ from sealegs.gap.fleet import jobs
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure.case import ROBOT
 from sealegs.gap.measure.measured import Measured
 from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.robot import judged as shared
 from sealegs.gap.robot.judged import with_robot
-from sealegs.gap.robot.search import ROBOT
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure
 from sealegs.gap.verdict.decide import refuse

@@ -158,10 +158,11 @@ def test_factors_that_were_only_tuned_are_no_evidence_against_a_mass_that_is_nam
     heavier = [tuned, change("elbow", "load.mass_factor", 1.65)]
     masses = {item.joint: item.after for item in of_robot(robot(recorded), heavier)}
     assert masses == {"elbow_link": pytest.approx(1.65, abs=0.01)}
-    (payload,) = of_robot(
-        robot(recorded), [tuned, Change("elbow_link", "body.payload", 0.0, 0.1, "load.mass", "robot")]
-    )
+    carried = Change("elbow_link", "body.payload", 0.0, 0.1, "load.mass", "robot")
+    (payload,) = of_robot(robot(recorded), [tuned, carried])
     assert payload.path == "body.payload"
+    kept = of_robot(robot(recorded), [replace(tuned, refitted=True), carried])
+    assert {item.path for item in kept} == {"body.mass_factor", "body.payload"}, "refitted numbers are no nuisance"
 
 
 def test_an_inertia_that_is_less_than_the_models_is_taken_from_the_body(recorded: MeasuredRun) -> None:

@@ -17,13 +17,14 @@ from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.checks.bootstrap import Z95
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.types import MeasuredSet
+from sealegs.gap.measure.case import ROBOT
 from sealegs.gap.measure.named import NamedCause, Value
 from sealegs.gap.output import hand_over as module
 from sealegs.gap.output.draws import spread_of, with_draws
 from sealegs.gap.output.extension import extended_of
 from sealegs.gap.output.hand_over import bodies_of, hand_over, harmed
 from sealegs.gap.output.whole import confirm_whole
-from sealegs.gap.robot.search import ROBOT
+from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from testbed.bench import NOISE_FLOOR
@@ -162,11 +163,12 @@ def test_only_encoders_are_withheld_where_they_are_doubted() -> None:
     found, _ = small_diagnosis()
     assert found.search is not None
     (entry,) = catalogue(found.problem.models[0], ["load.mass"])  # type: ignore[union-attr]
-    path = entry.variants[0][0].path
+    payload = Parameter("body.foot.payload", "kg", 0.0, 1.0, 0.0, 0.01)
     cause = NamedCause("load.mass", "", found.joint, 0.3, 0.29, {}, 0.5, "number", standing="possible")
-    accepted = replace(found.search.accepted[0], cause=entry, variant=entry.variants[0])
-    heavier = found.changed(search=replace(found.search, accepted=(accepted,)), causes=(cause,), values={path: 1.5})
-    assert not module.doubted_encoders(heavier) and module.without_doubted_encoders(heavier).values == {path: 1.5}
+    accepted = replace(found.search.accepted[0], cause=entry, variant=(payload,))
+    values = {payload.path: 0.1}
+    heavier = found.changed(search=replace(found.search, accepted=(accepted,)), causes=(cause,), values=values)
+    assert not module.doubted_encoders(heavier) and module.without_doubted_encoders(heavier).values == values
 
 
 @pytest.mark.long

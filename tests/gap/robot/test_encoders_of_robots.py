@@ -13,6 +13,7 @@ from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.extended import Extended
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine
+from sealegs.gap.load.terms import T_COLUMNS
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.measure.named import CERTAIN
 from sealegs.gap.output.robot_extension import of_robot, widened_range
@@ -79,36 +80,41 @@ class Weighed:
     """Losses of a tilt that feels how a pan moves: 10, and another with the pan's encoder."""
 
     plain: ClassVar = {"pan": 5.0, "tilt": 10.0}
+    terms: ClassVar = {"tilt": [np.zeros((3, T_COLUMNS))]}
+    robot: ClassVar = SimpleNamespace(slides=lambda joint: False)
     speaks_against = encoders._Weighed.speaks_against
 
-    def __init__(self, tilt: float) -> None:
-        self.losses = {"tilt": tilt}
+    def __init__(self, loss: float, level: float) -> None:
+        self.losses, self.level = {"tilt": loss}, level
 
     def with_encoder(self, encoder: Encoder) -> float:
         del encoder
         return 1.0 + self.losses["tilt"]
 
     def with_tilt(self) -> float:
-        return 100.0
+        return self.level
 
     def others(self, encoder: Encoder) -> SimpleNamespace:
         del encoder
-        return SimpleNamespace(losses=self.losses, runs=["mended"], terms={})
+        return SimpleNamespace(losses=self.losses, runs=["mended"], terms=self.terms)
 
 
-@pytest.mark.parametrize(("loss", "judged"), [(4.0, True), (40.0, False)])
+@pytest.mark.parametrize(
+    ("loss", "level", "judged", "runs"),
+    [(4.0, 99.0, ["tilt"], ["mended"]), (40.0, 99.0, [], []), (40.0, 41.0, ["pan"], [])],
+    ids=["explained", "further off", "or tilted"],
+)
 def test_an_encoder_that_the_other_joints_are_further_off_with_stays_a_matter_of_its_joint(
-    monkeypatch: pytest.MonkeyPatch, loss: float, judged: bool
+    monkeypatch: pytest.MonkeyPatch, loss: float, level: float, judged: list[str], runs: list[str]
 ) -> None:
     """A pan said with 40 % to read 0.94 of its angle, so the tilt was searched anew, and lost its payload."""
     pan: Any = SimpleNamespace(joint="pan")
     monkeypatch.setattr(encoders, "misread", lambda one: Encoder("pan", 0.0, 0.94))
     monkeypatch.setattr(encoders, "joints_of", lambda *given: Joints(cast(Any, {"pan": 1, "tilt": 2}), {}))
-    monkeypatch.setattr(encoders, "_Weighed", lambda *given: Weighed(loss))
+    monkeypatch.setattr(encoders, "_Weighed", lambda *given: Weighed(loss, level))
     asked: list[str] = []
-    monkeypatch.setattr(encoders, "_judged", lambda light, *given, **named: asked.append("tilt") or light)
-    light = encoders.in_light(cast(Any, None), [], [pan], Request(), lambda asked: [])
-    assert light.found == [pan] and bool(asked) == judged
+    light = encoders.in_light(cast(Any, None), [], [pan], Request(), lambda joints: asked.extend(joints) or [])
+    assert light.found == [pan] and asked == judged and list(light.runs) == runs
 
 
 # --- ranges of a robot's file that its log goes beyond -------------------------------------------------------------

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.load.terms import T_COLUMNS
-from sealegs.gap.measure.case import Case
+from sealegs.gap.measure.case import ROBOT, Case
 from sealegs.gap.measure.measured import Measured
 from sealegs.gap.measure.named import CERTAIN, Error, NamedCause, Value
 from sealegs.gap.replay.parameters import Parameter, factor
-from sealegs.gap.robot.search import ROBOT, SharedFound
+from sealegs.gap.robot.search import SharedFound
 from sealegs.gap.robot.together import RESISTANCE, SAG, agreed_latency, beside_latency, with_latency, with_supply
 from sealegs.gap.search.latency import DELAY, NUMBER, Latency, agreeing, apart_from, mean_of
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
@@ -226,6 +226,14 @@ def test_a_latency_that_joints_agree_on_after_their_searches_is_told_once() -> N
 @pytest.mark.parametrize("delays", [{"wrist": 0.0206, "jaw": 0.0123}, {"wrist": 0.0206}])
 def test_joints_that_are_late_by_other_times_have_their_own(delays: dict[str, float]) -> None:
     late = late_joints(delays)
+    assert agreed_latency(late) == (late, None)
+
+
+def test_a_latency_that_no_joint_tells_from_a_late_reading_stays_with_the_joints() -> None:
+    late = [
+        one.changed(causes=tuple(replace(c, rivals=("sensor.delay",)) for c in one.causes))
+        for one in late_joints({"wrist": 0.0206, "jaw": 0.0205})
+    ]
     assert agreed_latency(late) == (late, None)
 
 

@@ -16,7 +16,7 @@ from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot, Machine
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
-from sealegs.gap.measure.case import Case
+from sealegs.gap.measure.case import ROBOT, Case
 from sealegs.gap.measure.measured import rival_of
 from sealegs.gap.measure.named import Error, NamedCause, Value
 from sealegs.gap.output.pictures.first_look import budget_slices
@@ -36,7 +36,7 @@ from sealegs.gap.robot.directions import (
     tilt,
 )
 from sealegs.gap.robot.judged import beside_before
-from sealegs.gap.robot.search import ROBOT, SharedFound, affected, helped
+from sealegs.gap.robot.search import SharedFound, affected, helped
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
@@ -238,7 +238,7 @@ def test_bodies_that_one_joint_found_heavier_are_the_robots(heavier: set[str], o
             return next(losses)
 
     fits = SimpleNamespace(values={})
-    search: Any = SimpleNamespace(settings=DEFAULT, base=(fits, fits), fits=(fits, fits))
+    search: Any = SimpleNamespace(settings=DEFAULT, base=(fits, fits), fits=(fits, fits), accepted=())
     problem: Any = None
     assert OfTilt(problem, search, (), {}, frozenset(heavier)).widespread() == of_robot
 

@@ -12,11 +12,11 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.experiment import DetectionLimit
 from sealegs.gap.finder.diagnosis import diagnose, first_look
+from sealegs.gap.measure.case import ROBOT
 from sealegs.gap.measure.unseen import harm_of
 from sealegs.gap.output.extension import changes
 from sealegs.gap.output.terminal import lines_of
 from sealegs.gap.prepare.request import Request
-from sealegs.gap.robot.search import ROBOT
 from sealegs.gap.verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
 
 from testbed import hidden_bench, hidden_wide
