@@ -105,12 +105,13 @@ def standings(record: RoundRecord, settings: SearchSettings, seed: int) -> list[
     totals += settings.shared_error * max(table.sum(axis=1).min(), count) * rng.normal(size=totals.shape)
     limits = [record.candidates[k].limit for k in order]
     names = [record.candidates[k].name for k in order]
-    if limits[0] in names:  # data that cannot tell a cause from its limit are poor: the limit is meant
-        other = names.index(limits[0])
-        if (totals[:, other] <= totals[:, 0]).mean() > settings.rival_win_rate:
-            moved = [other, *(k for k in range(len(order)) if k != other)]
-            order, table = [order[k] for k in moved], table[moved]
-            better, totals = better[moved], totals[:, moved]
+    other = names.index(limits[0]) if limits[0] in names else 0
+    # data that cannot tell a cause from its limit are poor: it is meant; of two that are each other's, the better
+    alike = (totals[:, other] <= totals[:, 0]).mean() > settings.rival_win_rate
+    if other and alike and limits[other] != names[0]:
+        moved = [other, *(k for k in range(len(order)) if k != other)]
+        order, table = [order[k] for k in moved], table[moved]
+        better, totals = better[moved], totals[:, moved]
     best = np.bincount(totals.argmin(axis=1), minlength=len(order)) / settings.draws
     removed = (record.before.sum() - table.sum(axis=1)) / count
     gain = np.minimum(removed / max(record.left, 1e-9 / count), 1.0)

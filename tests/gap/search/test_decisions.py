@@ -240,6 +240,14 @@ def test_of_a_cause_and_its_limit_that_fit_alike_the_limit_comes_first(better: f
     assert len(order) == 3 and sum(standing.best for standing in order) == pytest.approx(1.0)
 
 
+def test_of_two_that_are_each_others_limit_the_better_comes_first() -> None:
+    """A payload was told as another centre of mass, which fits worse, since each is the other's limit."""
+    mass = evidence("load.mass", 0.4, number=True, limit="load.centre_of_mass")
+    centre = replace(mass, name="load.centre_of_mass", limit="load.mass", blocks=mass.blocks * 1.03)
+    order = standings(round_of(centre, mass), DEFAULT, 0)
+    assert order[0].index == 1 and order[0].best > 0.5
+
+
 ROWS = [json.loads(line) for line in RECORDS.read_text().splitlines()]
 
 
