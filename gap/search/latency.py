@@ -15,9 +15,10 @@ from ..causes.cause import Cause
 from ..checks.bootstrap import block_weights
 from ..replay.parameters import Parameter
 from ..replay.problem import periods_of
+from .delays import DELAY
 from .look import Look, in_place_of
 
-DELAY, NUMBER = "drive.delay", "delay.seconds"
+NUMBER = "delay.seconds"
 RIVAL = "drive.goal_filter"
 """What delays all commands as well, though not by the same time at every speed."""
 AGREEING = 2.0 / 3.0  # of the joints, and two at least

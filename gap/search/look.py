@@ -16,13 +16,14 @@ from ..log.parts import FIT_A, FIT_B
 from ..replay.comparison import rms
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
+from .delays import DELAY
 from .fit import Fit, fit, merge
 from .intervals import intervals
 from .settings import SearchSettings
 from .sketch import sketch
 
 LOOKED_FOR = (
-    "drive.delay",
+    DELAY,
     "drive.gain",
     "drive.offset",
     "drive.supply_sag",
@@ -33,7 +34,6 @@ LOOKED_FOR = (
     "contact.blocked",
 )
 """Causes that every machine may have; the first number of each is turned."""
-DELAY = LOOKED_FOR[0]
 ITERATIONS = 10
 DRAWS = 200  # of the bootstrap that widens the intervals
 

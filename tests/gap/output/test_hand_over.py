@@ -161,8 +161,8 @@ def test_an_encoder_whose_error_is_doubted_stays_as_believed(standing: str, hand
 def test_only_encoders_are_withheld_where_they_are_doubted() -> None:
     """A payload of the robot that a centre of mass might have been was not handed over, as if it were an encoder."""
     found, _ = small_diagnosis()
-    assert found.search is not None
-    (entry,) = catalogue(found.problem.models[0], ["load.mass"])  # type: ignore[union-attr]
+    assert found.search is not None and found.problem is not None and found.problem.joint is not None
+    (entry,) = catalogue(found.problem.joint.models[0], ["load.mass"])
     payload = Parameter("body.foot.payload", "kg", 0.0, 1.0, 0.0, 0.01)
     cause = NamedCause("load.mass", "", found.joint, 0.3, 0.29, {}, 0.5, "number", standing="possible")
     accepted = replace(found.search.accepted[0], cause=entry, variant=(payload,))
