@@ -350,6 +350,8 @@ def beside_reference(rewards: np.ndarray, reference: np.ndarray) -> str:
     known = f"Its reference alone (actions of 0) gets {reference.mean():.4g} in the same episodes"
     if gain.mean() > (spread if math.isfinite(spread) else 0.0):
         return f"{known}; the policy adds {told(gain)}."
+    if gain.mean() > 0.0:
+        return f"{known}; the policy adds {told(gain)}, which may be chance: more of evaluate.episodes tell."
     return (
         f"{known}: the policy does NOT beat it ({gain.mean():+.3g}). Train longer, with a smaller env.correction, or "
         "use the reference as it is."

@@ -2,6 +2,7 @@
 
     python -m benchmarks.walking                       the reference gait, without learning
     python -m benchmarks.walking runs/walk/best ...    and policies
+    python -m benchmarks.walking --robots runs/dog/final ...   policies of any robots, each beside its own reference
     python -m benchmarks.walking --speed               steps per second over bare MuJoCo on the same model, in turns
 
 The error of a speed is that of its mean after the first second, as a share of the mean command, of those that did not
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,6 +27,7 @@ from sealegs.agents.policy_files import load_policy, trained_env
 from sealegs.common.documents import read_yaml
 from sealegs.configs.compose import FOLDER
 from sealegs.envs.any_robot.walk import WalkTask
+from sealegs.envs.robots import get_robot
 
 from benchmarks import study
 from benchmarks.speed import RESULTS, bare_model, interleaved
@@ -42,18 +45,20 @@ GROUNDS: Mapping[str, Any] = {
     "pushes up to 0.3 m/s": {"push": {"speed": [0.0, 0.3]}},
 }
 COUNT = 64  # simulations of the speed
+PUSHED: Mapping[str, Any] = {"push": {"speed": [0.0, 0.4], "interval": [2.0, 4.0]}}  # of any robot; of docs/walk.md
 
 
 def walked(name: str, ground: Mapping[str, Any]) -> dict[str, float]:
     """How a walker does on a ground: falls, and errors of speed and turn as shares of what was asked."""
     if name == GAIT:
-        act: Any = None
-        env = checked_env(read_yaml(FOLDER / "env/walk.yaml", "the task"))
-    else:
-        act, description = load_policy(Path(name))
-        env = trained_env(description, Path(name), None)
-    env |= {"randomization": dict(ground), "stand_share": 0.0}
-    engine = make_vec_env(env, None, STARTS, 0).engine
+        return followed(checked_env(read_yaml(FOLDER / "env/walk.yaml", "the task")), ground, None)
+    act, description = load_policy(Path(name))
+    return followed(trained_env(description, Path(name), None), ground, act)
+
+
+def followed(env: Mapping[str, Any], ground: Mapping[str, Any], act: Any) -> dict[str, float]:
+    """The same of a policy ``act`` of observations in an environment, or of its reference (None)."""
+    engine = make_vec_env({**env, "randomization": dict(ground), "stand_share": 0.0}, None, STARTS, 0).engine
     task = engine.task
     assert isinstance(task, WalkTask)
     engine.autoreset = False
@@ -71,8 +76,30 @@ def walked(name: str, ground: Mapping[str, Any]) -> dict[str, float]:
     up = ~fallen
     return {
         "falls": int(fallen.sum()),
-        "speed": float(np.linalg.norm(off[up, :2], axis=1).mean() / np.linalg.norm(asked[up, :2], axis=1).mean()),
-        "turn": float(np.abs(off[up, 2]).mean() / np.abs(asked[up, 2]).mean()),
+        "speed": _share(np.linalg.norm(off[up, :2], axis=1), np.linalg.norm(asked[up, :2], axis=1)),
+        "turn": _share(np.abs(off[up, 2]), np.abs(asked[up, 2])),
+    }
+
+
+def _share(off: np.ndarray, asked: np.ndarray) -> float:
+    """The mean of errors over that of what was asked; NaN where all fell, or nothing was asked."""
+    return float(off.mean() / asked.mean()) if len(off) and asked.any() else math.nan
+
+
+def learned(name: str) -> dict[str, Any]:
+    """A policy of any robot beside its own reference, under pushes; and what its training took."""
+    act, description = load_policy(Path(name))
+    env = trained_env(description, Path(name), None)
+    robot = get_robot(env["robot"])
+    task = WalkTask.on(robot)
+    model = robot.drivetrain().model
+    return {
+        "height": task.standing_of().height,
+        "mass": float(mujoco.mj_getTotalmass(model)),
+        "joints": len(robot.coordinates),
+        "steps": int(description["step"]),
+        "gait": followed(env, PUSHED, None),
+        "policy": followed(env, PUSHED, act),
     }
 
 
@@ -114,6 +141,22 @@ def table(found: Mapping[str, Any]) -> str:
             for ground, row in rows.items()
         ]
         lines.append("")
+    if robots := found.get("robots"):
+        lines += [
+            "## Policies of public robots",
+            "",
+            "Each beside its reference alone, under pushes of up to 0.4 m/s every 2 to 4 s: falls, errors of speed and "
+            "turn. `python -m benchmarks.walking --robots runs/<run>/final ...`",
+            "",
+            "| run | joints | mass [kg] | height [m] | steps | reference | policy |",
+            "|---|---|---|---|---|---|---|",
+        ]
+        lines += [
+            f"| {name} | {row['joints']} | {row['mass']:.1f} | {row['height']:.2f} | {row['steps']:,} | "
+            f"{_cell(row['gait'])} | {_cell(row['policy'])} |"
+            for name, row in robots.items()
+        ]
+        lines.append("")
     if rates := found.get("rates"):
         ratios = np.array(rates["task"]) / np.array(rates["bare"])
         lines += [
@@ -125,17 +168,26 @@ def table(found: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _cell(row: Mapping[str, float]) -> str:
+    """Falls, speed and turn of a walker."""
+    return ", ".join([f"{row['falls']:.0f}", *(f"{100 * row[key]:.0f} %" for key in ("speed", "turn"))])
+
+
 @study
 def main() -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.walking", description=__doc__)
     parser.add_argument("policies", nargs="*", help="folders of policies; the reference gait is always measured")
     parser.add_argument("--speed", action="store_true", help="measure the steps per second instead")
+    parser.add_argument("--robots", action="store_true", help="measure policies of any robots beside their references")
     arguments = parser.parse_args()
     found: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
     if arguments.speed:
         found["rates"] = throughput()
-    for name in () if arguments.speed else (GAIT, *arguments.policies):
+    for name in arguments.policies if arguments.robots else ():
+        found.setdefault("robots", {})[Path(name).parent.name] = row = learned(name)
+        print(f"{name}: {row}", flush=True)
+    for name in () if arguments.speed or arguments.robots else (GAIT, *arguments.policies):
         rows = found.setdefault("walkers", {})[name] = {}
         for ground, drawn in GROUNDS.items():
             rows[ground] = walked(name, drawn)

@@ -33,6 +33,8 @@ class Standing:
         places: of the soles relative to the base (f, 2) [m].
         per_metre: change of the coordinates that moves a sole by a metre along x, y, z (f, 3, k) [rad/m or m/m].
         per_turn: the same that turns a sole by a radian about the vertical (f, k); 0 of one that cannot stay level.
+        able: shares of a motion forward, sideways and about the vertical that the legs can do (3,): legs of two joints
+            that swing ahead cannot step aside, and turn by a part.
     """
 
     base: str
@@ -46,6 +48,7 @@ class Standing:
     places: np.ndarray
     per_metre: np.ndarray
     per_turn: np.ndarray
+    able: np.ndarray
 
     @property
     def turns(self) -> np.ndarray:
@@ -138,7 +141,22 @@ def standing(robot: Robot) -> Standing:
         places=places[:, :2],
         per_metre=ways[:, :3],
         per_turn=ways[:, 3],
+        able=_able(rates[:, :2], ways[:, :2], places),
     )
+
+
+def _able(rates: np.ndarray, ways: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Shares of a motion forward, sideways and about the vertical (3,) that soles follow.
+
+    Args:
+        rates: derivatives of the soles along x and y (f, 2, k).
+        ways: coordinates per metre along them (f, 2, k).
+        places: of the soles relative to the base (f, 3) [m].
+    """
+    ahead, aside = np.broadcast_to([1.0, 0.0], (len(places), 2)), np.broadcast_to([0.0, 1.0], (len(places), 2))
+    asked = np.stack([ahead, aside, np.stack([-places[:, 1], places[:, 0]], axis=1)])
+    done = np.einsum("fik,fjk,cfj->cfi", rates, ways, asked)
+    return (done * asked).sum(axis=(1, 2)) / (asked**2).sum(axis=(1, 2))
 
 
 def _inverse(rates: np.ndarray, height: float) -> np.ndarray:

@@ -49,15 +49,17 @@ class Sizes:
         """Those of a robot that stands so, of two significant digits.
 
         Legs of any size walk alike at one share of the speed of a fall from their height (Froude). The shares are those
-        of the quadruped, whose reference gait follows them; on two feet, of the small biped.
+        of the quadruped, whose reference gait follows them; on two feet, of the small biped. What legs can do in part,
+        or not at all, is asked for in part.
         """
         rate = float(np.sqrt(GRAVITY / stance.height))
         length = stance.height * (ON_TWO if len(stance.feet) == 2 else 1.0)
         speed = length * rate
+        ahead, aside, turned = (round(float(share), 2) for share in stance.able)
         found: dict[str, float | tuple[float, ...]] = {
-            "forward": (-0.159 * speed, 0.238 * speed),
-            "sideways": (-0.079 * speed, 0.079 * speed),
-            "turn": (-0.077 * rate, 0.077 * rate),
+            "forward": (-0.159 * speed * ahead, 0.238 * speed * ahead),
+            "sideways": (-0.079 * speed * aside, 0.079 * speed * aside),
+            "turn": (-0.077 * rate * turned, 0.077 * rate * turned),
             "cadence": 0.322 * rate,
             "lift": 0.123 * length,
             "tolerance": 0.0634 * speed,
@@ -78,7 +80,7 @@ def falls(engine: BatchEngine) -> bool:
 
 def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
     """A number, or several, with two significant digits."""
-    return tuple(float(f"{item:.2g}") for item in value) if isinstance(value, tuple) else float(f"{value:.2g}")
+    return tuple(float(f"{item:.2g}") + 0.0 for item in value) if isinstance(value, tuple) else float(f"{value:.2g}")
 
 
 @dataclass(frozen=True)

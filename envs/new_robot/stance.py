@@ -37,6 +37,7 @@ TILT = 0.05  # of the sole of a leg with an ankle [rad]
 ANKLED = 5  # joints of a leg from which on its sole can be level
 DEEP = 1e-3  # of its size: how deep shapes of two bodies lie in each other that never touch on the machine; assumed
 SAG = 0.03  # [rad] by which weight may bend a joint with an assumed servo
+QUICK = 4.0  # how many times as fast as it falls over, as a pendulum on its feet, its servos move its weight; assumed
 SPHERES = 64  # points that stand for a geom, at most
 SOFT = 0.01  # of its size: how far above the lowest point of a foot others count as its sole
 STARTS = 6  # poses from which a stance is sought, that of the file first
@@ -71,16 +72,13 @@ class Stance:
     Attributes:
         angles: of the legs' driven coordinates, by name [rad or m].
         height: of the base over the ground [m].
-        torques: that hold it there, by coordinate [N.m or N], those of other limbs too.
+        stiffness: with which servos hold it there and move it, by coordinate [N.m/rad], those of other limbs too.
         overlap: bodies whose shapes lie within each other there.
-        upright: stiffness of a joint at which two legs do not give way to a tilt, as a pendulum that stands on its end
-            [N.m/rad]; 0 for more of them.
     """
 
     angles: dict[str, float]
     height: float
-    torques: dict[str, float]
-    upright: float
+    stiffness: dict[str, float]
     overlap: tuple[tuple[str, str], ...]
 
 
@@ -320,24 +318,36 @@ class _Body:
         return float(self._data.xpos[self._root][2] - min(self._lowest(leg.foot) for leg in self.legs))
 
     def _stance(self, names: list[str], places: list[int], angles: np.ndarray) -> Stance:
-        """The pose with its height, and the torques with which its feet carry equal shares of its weight."""
+        """The pose with its height, and the stiffness of servos whose legs carry equal shares of its weight there.
+
+        Weight bends none by more than :data:`SAG`; two legs do not give way to a tilt; and a leg with its foot on the
+        ground moves its share as fast as a gait asks for.
+        """
         height, model, data = self._height(places, angles), self._model, self._data
         data.qvel[:] = 0.0
         mujoco.mj_fwdVelocity(model, data)
         forces = data.qfrc_bias - data.qfrc_passive
-        share = float(mujoco.mj_getTotalmass(model)) * float(np.linalg.norm(model.opt.gravity)) / len(self.legs)
+        weight = float(mujoco.mj_getTotalmass(model)) * float(np.linalg.norm(model.opt.gravity))
+        share = weight / len(self.legs)
+        over = height + float(data.subtree_com[self._root][2] - data.xpos[self._root][2])  # the ground
+        moved: dict[str, float] = {}
         for leg in self.legs:
             jacobian = np.zeros((3, model.nv))
             mujoco.mj_jac(model, data, jacobian, None, self._sole(leg), leg.foot[0])
             forces -= share * jacobian[2]
-        found = {self._items[n].name: float(a * self._items[n].terms[0][1]) for n, a in zip(names, angles, strict=True)}
-        torques = {
-            item.name: float(forces[int(model.jnt_dofadr[model.joint(name).id])] / item.terms[0][1])
-            for name, item in self._items.items()
-        }
-        over = height + float(data.subtree_com[self._root][2] - data.xpos[self._root][2])  # the ground
-        upright = share * len(self.legs) * over if len(self.legs) == 2 else 0.0
-        return Stance(found, height, torques, upright, self._overlap())
+            for name in leg.joints:
+                lever = float(np.linalg.norm(jacobian[:, self._dof(name)]))  # [m]
+                moved[name] = max(QUICK**2 * share * lever**2 / over, weight * over if len(self.legs) == 2 else 0.0)
+        items = self._items
+        return Stance(
+            {items[n].name: float(a * items[n].terms[0][1]) for n, a in zip(names, angles, strict=True)},
+            height,
+            {
+                item.name: max(abs(float(forces[self._dof(n)])) / SAG, moved.get(n, 0.0)) / item.terms[0][1] ** 2
+                for n, item in items.items()
+            },
+            self._overlap(),
+        )
 
     def _overlap(self) -> tuple[tuple[str, str], ...]:
         """Bodies whose shapes lie within each other as the robot stands."""
@@ -357,6 +367,9 @@ class _Body:
 
     def _at(self, name: str) -> int:
         return int(self._model.jnt_qposadr[self._model.joint(name).id])
+
+    def _dof(self, name: str) -> int:
+        return int(self._model.jnt_dofadr[self._model.joint(name).id])
 
     def _pose(self, places: list[int], angles: np.ndarray) -> None:
         qpos = self._home.copy()
@@ -381,8 +394,7 @@ def _stood(robot: RobotFile, stance: Stance) -> RobotFile:
     """The robot in a stance, on a floor, with assumed servos that hold it."""
     joints = []
     for item in robot.joints:
-        upright = stance.upright if item.name in stance.angles else 0.0
-        held = max(abs(stance.torques.get(item.name, 0.0)) / SAG, upright)
+        held = stance.stiffness.get(item.name, 0.0)
         joints.append(_strong(_within(item, stance.angles.get(item.name)), held))
     standing = replace(
         robot, joints=tuple(joints), floor=FloorEntry(), height=float(f"{stance.height:.4g}"), exclude=stance.overlap
@@ -411,7 +423,7 @@ def _strong(item: FileJoint, stiffness: float) -> FileJoint:
     if needed <= stiffness:
         return item
     kept = [note for note in item.notes if not note.startswith("an ideal servo of ")]
-    note = f"an ideal servo of {needed:g} N.m/rad drives it (assumed, from the weight that it holds)"
+    note = f"an ideal servo of {needed:g} N.m/rad drives it (assumed, from the weight that it holds and moves)"
     return replace(item, chain=scaled(item.chain, needed / stiffness), least=needed, notes=(*kept, note))
 
 

@@ -75,8 +75,13 @@ def test_a_policy_that_does_not_beat_its_reference_says_so() -> None:
     reference = np.array([4.0, 5.0, 6.0, 7.0])
     better = beside_reference(reference + np.array([1.0, 1.1, 0.9, 1.0]), reference)
     assert better.endswith("; the policy adds 1 (+-0.13, 4 episodes).")
-    for rewards in (reference - 1.0, reference + np.array([3.0, -2.0, 2.0, -2.0])):  # worse, and not surely better
-        assert "does NOT beat it" in beside_reference(rewards, reference)
+    assert "does NOT beat it (-1)" in beside_reference(reference - 1.0, reference)
+
+
+def test_a_policy_that_is_better_by_chance_is_not_said_to_do_worse_than_its_reference() -> None:
+    reference = np.array([4.0, 5.0, 6.0, 7.0])
+    said = beside_reference(reference + np.array([3.0, -2.0, 2.0, -2.0]), reference)
+    assert "the policy adds 0.25 (+-4.2, 4 episodes), which may be chance" in said
 
 
 @pytest.mark.long

@@ -139,6 +139,19 @@ def test_legs_of_whole_turns_keep_within_reach_of_their_stance(
     assert "it stands 5 s" in said
 
 
+def test_assumed_servos_of_legs_move_the_weight_that_they_carry(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Those of a public quadruped were slower than its gait: it followed 29 % of the forward speed asked for."""
+    path, said = written(tmp_path, quadruped(), capsys)
+    row = yaml.safe_load(path.read_text())
+    share = 2.0 * 9.81 / 4.0  # [N] on a foot
+    for name in ("j0_0", "j1_0"):
+        (stage,) = row["joints"][name]["chain"]
+        assert stage["ideal"]["stiffness"] > 12.0 * share * row["height"]
+    assert "from the weight that it holds and moves" in said
+
+
 @pytest.mark.long
 def test_what_stands_is_simulated_as_its_yaml_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, _ = written(tmp_path, quadruped(), capsys)
