@@ -13,7 +13,7 @@ import pytest
 from sealegs.gap.search import seek
 from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, rivals_of, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
-from sealegs.gap.search.seek import without_the_first
+from sealegs.gap.search.seek import from_usual
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
 
@@ -299,29 +299,28 @@ def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("causes", "left", "again"), [(3, 0.5, False), (3, 6.0, True), (1, 6.0, True)], ids=["little", "three", "one"]
+    ("usual", "left", "again"), [(1, 6.0, True), (3, 0.5, False), (3, 6.0, True)], ids=["one", "little", "much"]
 )
-def test_what_leaves_much_is_sought_again_without_the_first(
-    causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_or_leave_much(
+    usual: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A resistance stood for a heavier rotor, a late bus and a payload."""
-    asked: list[str] = []
     monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
     monkeypatch.setattr(seek, "charged", lambda searcher, found: found.loss)
-    accepted = [SimpleNamespace(cause=SimpleNamespace(key=name)) for name in ("resistance", "coulomb", "scale")]
-    plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
-    found: Any = SimpleNamespace(accepted=accepted[:causes], loss=13000.0, **plain)
-    other: Any = SimpleNamespace(accepted=accepted[:2], loss=13010.0, **plain)
-    searcher: Any = SimpleNamespace(
-        settings=DEFAULT,
-        excess=lambda fits: left,
-        progress=asked.append,
-        considered=(),
-        run=lambda: other,
-        counts=COUNTS,
-    )
-    monkeypatch.setattr(seek, "search_tied", lambda searcher, found: found)
+    monkeypatch.setattr(seek, "usual_causes", lambda searcher: SimpleNamespace(forms=range(usual)))
     monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
-    taken = without_the_first(searcher, found)
-    assert bool(asked) == again
-    assert (taken is other) == (again and causes == 3)  # it fits as well, with fewer causes
+    plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
+    begun: Any = SimpleNamespace(accepted=[1, 2, 3], loss=13000.0, **plain)
+    other: Any = SimpleNamespace(accepted=[1, 2], loss=13010.0, **plain)
+    asked: list[bool] = []
+
+    def run(usual: object = None) -> object:
+        asked.append(usual is None)
+        return other if usual is None else begun
+
+    searcher: Any = SimpleNamespace(
+        settings=DEFAULT, excess=lambda fits: left, progress=lambda text: None, run=run, counts=COUNTS
+    )
+    taken = from_usual(searcher)
+    assert (True in asked) == again
+    assert (taken is other) == again  # it fits as well, with fewer causes

@@ -1,0 +1,211 @@
+"""The best of all subsets of causes, from one fit of all of them.
+
+About the fit the cost is a quadratic of its parameters, so what each subset of the causes would leave is known without
+a replay: the others are put back to where they do nothing, and what stays follows. Far from the fit that is rough. So
+the best of each size are fitted, and the quadratic is taken anew about the best of these, until that stays the best.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..causes.cause import Cause, Variant
+from ..replay.comparison import robust_loss, robust_weight
+from ..replay.parameters import HasNumbers, Parameter
+from ..replay.problem import Problem
+from .fit import Fit, fit, merge
+
+Forms = tuple[tuple[Cause, Variant], ...]
+
+OF_EACH_SIZE = 2  # subsets that are fitted
+ITERATIONS = 6  # of a fit that begins near where it ends
+ROUNDS = 3
+RIDGE = 1e-4  # of the charge of a parameter, for numbers that the data do not show
+
+
+@dataclass(frozen=True, eq=False)
+class Subset:
+    """Causes, and the fit with them.
+
+    Attributes:
+        forms: the causes, each in the form in which it acts.
+        fit: of their parameters and the tuned numbers.
+        charged: its cost, with a charge for each parameter.
+    """
+
+    forms: Forms
+    fit: Fit
+    charged: float
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """Of the causes."""
+        return keys_of(self.forms)
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Causes to choose from, over one problem.
+
+    Attributes:
+        problem: that is fitted.
+        tuned: numbers that are turned whatever is chosen.
+        forms: the causes.
+        nominal: the model in which none of them acts.
+        charge: of each parameter, as a share of the cost.
+    """
+
+    problem: Problem
+    tuned: Sequence[Parameter]
+    forms: Forms
+    nominal: HasNumbers
+    charge: float
+
+    def parameters(self, forms: Forms) -> list[Parameter]:
+        """What a fit with these causes turns."""
+        return merge(self.tuned, *(variant for _, variant in forms))
+
+    def subset(self, forms: Forms, fitted: Fit) -> Subset:
+        """Causes with their fit; costs below that of the noise are not told apart."""
+        price = self.charge * max(fitted.cost, 1.0) * sum(flexibility(*form) for form in forms)
+        return Subset(forms, fitted, fitted.cost + price)
+
+    def fitted(self, forms: Forms, values: dict[str, float], iterations: int = ITERATIONS) -> Subset:
+        """Causes fitted from some values, of which those that are not turned are left out."""
+        parameters = self.parameters(forms)
+        start = {p.path: values[p.path] for p in parameters if p.path in values}
+        return self.subset(forms, fit(self.problem, parameters, start, iterations))
+
+
+def keys_of(forms: Forms) -> frozenset[str]:
+    """Keys of the causes."""
+    return frozenset(cause.key for cause, _ in forms)
+
+
+def flexibility(cause: Cause, variant: Variant) -> int:
+    """Parameters that a cause is charged for: a missing effect counts as one more than a wrong number."""
+    return len(variant) + (not cause.error)
+
+
+def best_subset(choice: Choice, full: Fit) -> Subset:
+    """The subset of the causes whose charged cost is least.
+
+    Args:
+        choice: the causes.
+        full: the fit with all of them.
+    """
+    known: dict[frozenset[str], Subset] = {}
+    choice = _acting(choice, full)
+    best, here = choice.subset(choice.forms, full), full
+    for _ in range(ROUNDS):
+        for forms, promise in _foreseen(choice, here):
+            keys = keys_of(forms)
+            if keys not in known or promise < known[keys].charged:
+                one = choice.fitted(forms, here.values)
+                known[keys] = min(known.get(keys, one), one, key=lambda each: each.charged)
+        last, best = best, min((best, *known.values()), key=lambda one: one.charged)
+        if best.keys == last.keys:
+            break
+        here = Fit({**_nothing(choice), **best.fit.values}, best.fit.simulated, best.fit.cost)
+    return best
+
+
+def _acting(choice: Choice, full: Fit) -> Choice:
+    """The causes without which a replay is another: a stop that is nowhere met has no slope, or a false one."""
+    nothing = _nothing(choice)
+    back = [{**full.values, **{p.path: nothing[p.path] for p in variant}} for _, variant in choice.forms]
+    same = (
+        [np.array_equal(row, full.simulated, equal_nan=True) for row in choice.problem.simulate(back)] if back else []
+    )
+    return replace(choice, forms=tuple(form for form, idle in zip(choice.forms, same, strict=True) if not idle))
+
+
+def _nothing(choice: Choice) -> dict[str, float]:
+    """Values at which no cause does anything, as near as the bounds let them."""
+    return {p.path: p.from_fit(_neutral(p, choice.nominal)) for p in choice.parameters(choice.forms)}
+
+
+def _neutral(p: Parameter, nominal: HasNumbers) -> float:
+    """Coordinate at which a number does nothing, or the bound that is nearest to it."""
+    least = max(p.low, 1e-12) if p.logarithmic else p.low
+    return p.to_fit(min(max(p.neutral(nominal), least), p.high))
+
+
+def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
+    """Subsets that are worth a fit, by the quadratic about one: the best of each size, up to one more than the best.
+
+    Returns:
+        Each with its charged cost by the quadratic.
+    """
+    parameters = choice.parameters(choice.forms)
+    optimum, covariance, least = _quadratic(choice, parameters, here)
+    place = {p.path: k for k, p in enumerate(parameters)}
+    acts = np.zeros((len(choice.forms), len(parameters)), dtype=bool)
+    for row, (_, variant) in zip(acts, choice.forms, strict=True):
+        row[[place[p.path] for p in variant]] = True
+    own = acts.any(axis=0)
+    back = (np.array([_neutral(p, choice.nominal) for p in parameters]) - optimum)[own]
+    covariance, acts = covariance[np.ix_(own, own)], acts[:, own]
+    chosen = np.array(list(itertools.product((False, True), repeat=len(choice.forms))))
+    costs = np.concatenate([_without(covariance, back, some @ acts) for some in np.array_split(chosen, 64)]) + least
+    sizes = chosen @ np.array([flexibility(*form) for form in choice.forms])
+    charged = costs + choice.charge * max(here.cost, 1.0) * sizes
+    order = np.argsort(charged, kind="stable")
+    picked: list[tuple[Forms, float]] = []
+    for size in range(int(sizes[order[0]]) + 2):
+        picked += [
+            (tuple(itertools.compress(choice.forms, chosen[k])), float(charged[k]))
+            for k in order[sizes[order] == size][:OF_EACH_SIZE]
+        ]
+    return picked
+
+
+def _without(covariance: np.ndarray, back: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """By how much costs rise (s,) where the numbers that are not kept (s, q) are put back and all others follow.
+
+    Args:
+        covariance: inverse of the curvature (q, q).
+        back: from the optimum to where the numbers do nothing (q,).
+        kept: numbers that stay free (s, q).
+    """
+    out = ~kept
+    systems = np.where(out[:, :, None] & out[:, None, :], covariance, np.eye(len(back)))
+    moves = np.where(out, back, 0.0)
+    return (moves * np.linalg.solve(systems, moves[:, :, None])[:, :, 0]).sum(axis=1)
+
+
+def _quadratic(choice: Choice, parameters: Sequence[Parameter], here: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+    """Optimum (p,) of the quadratic about a fit, the inverse of its curvature (p, p), and its least cost.
+
+    A tuned number at an end of its tolerance costs as much as a parameter does: its bounds as a prior.
+    """
+    problem, charge = choice.problem, choice.charge * max(here.cost, 1.0)
+    u = np.array([p.to_fit(here.values[p.path]) for p in parameters])
+    low, high = (np.array([p.to_fit(end(p)) for p in parameters]) for end in (lambda p: p.low, lambda p: p.high))
+    reach = np.array([p.difference for p in parameters])
+    up = np.where(u + reach <= high, reach, 0.0)
+    down = np.where((u - reach >= low) | (up == 0.0), reach, 0.0)
+
+    def errors(rows: np.ndarray) -> np.ndarray:
+        values = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in rows]
+        return problem.residual(problem.simulate(values))
+
+    sides = errors(np.concatenate([u[None], u + np.diag(up), u - np.diag(down)]))
+    count, error = len(parameters), sides[0]
+    jacobian = (sides[1 : 1 + count] - sides[1 + count :]) / (up + down)[:, None]
+    weighted = jacobian * robust_weight(error) / error.size
+    slope, curvature = weighted @ error, weighted @ jacobian.T
+    acts = {p.path for _, variant in choice.forms for p in variant}
+    for k, p in enumerate(parameters):
+        width = 0.5 * (high[k] - low[k])
+        curvature[k, k] += RIDGE * charge
+        if p.path not in acts:
+            slope[k] += charge * (u[k] - 0.5 * (low[k] + high[k])) / width**2
+            curvature[k, k] += charge / width**2
+    covariance = np.linalg.inv(curvature)
+    move = -covariance @ slope
+    return u + move, covariance, float(robust_loss(error).mean() + slope @ move)

@@ -1,0 +1,97 @@
+"""A search that begins with the usual causes which the log needs, all found at once.
+
+A search that adds one cause after the other takes what stands in for several first, and mends it with further ones: a
+payload, a sag and a resistance were told as another motor, with friction. All that every machine may have, turned
+together, has nothing to stand in for; what the log can do without is left out (:mod:`.subsets`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..causes.cause import Cause, Variant
+from . import decide
+from .fit import Fit, merge
+from .look import LOOKED_FOR, looked
+from .record import RoundRecord, Step
+from .result import Round
+from .rounds import Rounds
+from .state import Found
+from .subsets import Choice, Forms, Subset, best_subset
+
+PLAY = "transmission.backlash"
+USUAL = (
+    *LOOKED_FOR,
+    "drive.resistance",
+    "drive.motor_constant",
+    "friction.stribeck",
+    "load.inertia",
+    "sensor.offset",
+)
+"""Causes that every machine may have, less play, with which a replay takes several times as long."""
+
+
+def usual_causes(searcher: Rounds) -> Subset:
+    """The usual causes that the log needs, with play only where they leave something without it.
+
+    Args:
+        searcher: of the joint.
+    """
+    shown = [cause for cause in searcher.shown if cause.name in USUAL]
+    choice = _choice(searcher, tuple((cause, cause.variants[0]) for cause in shown))
+    best = best_subset(choice, looked(choice.problem, choice.parameters(choice.forms), shown))
+    play = next((cause for cause in searcher.shown if cause.name == PLAY), None)
+    if play is not None and not decide.finished(best.fit.cost - 1.0, searcher.settings):
+        best = min(best, _with_play(searcher, choice, best, play), key=lambda one: one.charged)
+    return best
+
+
+def begin_with(searcher: Rounds, found: Found, usual: Subset) -> None:
+    """Accept causes one after the other, in the order of what they do, as far as each pays.
+
+    Args:
+        searcher: of the joint.
+        found: nothing yet.
+        usual: the causes.
+    """
+    choice = _choice(searcher, usual.forms)
+    kept = {cause.key: (cause, variant) for cause, variant in usual.forms}
+    costs = {
+        key: choice.fitted(tuple(form for other, form in kept.items() if other != key), usual.fit.values).fit.cost
+        for key in kept
+    }
+    for key in sorted(kept, key=costs.__getitem__, reverse=True):
+        _accept(searcher, found, *kept[key], usual.fit)
+
+
+def _choice(searcher: Rounds, forms: Forms) -> Choice:
+    return Choice(searcher.sketch, searcher.tuned, forms, searcher.nominal, searcher.settings.parameter_charge)
+
+
+def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> Subset:
+    """The best with play, in the best of its forms; motor and link then turn apart."""
+    at_motor = tuple((cause, cause.at_motor or variant) for cause, variant in choice.forms)
+    ways = [replace(choice, forms=(*at_motor, (play, variant))) for variant in play.variants]
+    full = [way.fitted(way.forms, usual.fit.values, searcher.settings.iterations) for way in ways]
+    best, way = min(zip(full, ways, strict=True), key=lambda pair: pair[0].charged)
+    return best_subset(way, best.fit)
+
+
+def _accept(searcher: Rounds, found: Found, cause: Cause, variant: Variant, fitted: Fit) -> None:
+    """Accept one cause more, if it pays on data that its fit did not see."""
+    before, settings = found.current, searcher.settings
+    excess = searcher.excess(before.fits)
+    if decide.finished(excess, settings) or len(found.accepted) >= settings.most_causes:
+        return
+    judged = searcher.judged(searcher.fit_both(merge(searcher.parameters(found.accepted), variant), fitted.values))
+    candidate = searcher.candidate(cause, variant, judged)
+    record = RoundRecord(
+        searcher.counts, before.blocks, before.sampled, excess, excess, promise=excess,
+        candidates=(candidate.evidence,), led=True,
+    )  # fmt: skip
+    order, (candidate, *_) = searcher.standings(record, [candidate])
+    if decide.one_pays(record, order, settings, further=bool(found.accepted)):
+        found.accepted.append(candidate)
+        found.rounds.append(Round(record.before, (candidate,), True, excess))
+        found.steps.append(Step(record, cause.key))
+        found.put(judged)

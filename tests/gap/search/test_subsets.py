@@ -1,0 +1,54 @@
+"""Of several causes the subset is found that the data need, whatever one of them alone stands in for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from sealegs.gap.causes.cause import Cause
+from sealegs.gap.replay.parameters import Parameter
+from sealegs.gap.search.fit import fit
+from sealegs.gap.search.subsets import Choice, Forms, best_subset
+
+NOISE = np.random.default_rng(3).standard_normal(400)
+COLUMNS = np.random.default_rng(4).standard_normal((6, 400))
+COLUMNS[0] = COLUMNS[1] + COLUMNS[2] + 0.5 * COLUMNS[0]  # the first cause stands in for the next two
+NOTHING: Any = SimpleNamespace(value=lambda path: 0.0)
+
+
+class Bent:
+    """Data that bend a little with each number, and do not show the last one while it is small."""
+
+    def __init__(self, truth: Mapping[int, float]) -> None:
+        self.judged = np.ones(400, dtype=bool)
+        self.measured = self._made(np.array([truth.get(k, 0.0) for k in range(6)])) + NOISE
+
+    def _made(self, sizes: np.ndarray) -> np.ndarray:
+        acting = np.where(np.arange(6) == 5, np.maximum(sizes - 5.0, 0.0), sizes)
+        return (acting + 0.05 * acting**2) @ COLUMNS
+
+    def simulate(self, rows: Sequence[Mapping[str, float]]) -> np.ndarray:
+        sizes = [[row.get(f"load.n{k}", 0.0) for k in range(6)] for row in rows]
+        return np.stack([self._made(np.array(row)) for row in sizes])[:, :, None]
+
+    def residual(self, simulated: np.ndarray, every: int = 1) -> np.ndarray:
+        return (simulated[:, :, 0] - self.measured)[:, ::every]
+
+
+def chosen(truth: Mapping[int, float]) -> set[str]:
+    """Causes that are found in data of some."""
+    problem: Any = Bent(truth)
+    numbers = [Parameter(f"load.n{k}", "1", -4.0, 4.0, 0.0, 0.5) for k in range(6)]
+    forms: Forms = tuple((Cause("", "", ((p,),), error=True, name=p.number), (p,)) for p in numbers)
+    choice = Choice(problem, (), forms, NOTHING, charge=0.02)
+    found = best_subset(choice, fit(problem, numbers))
+    assert set(found.fit.values) == {p.number for p in numbers if p.number in found.keys}
+    return set(found.keys)
+
+
+@pytest.mark.parametrize("truth", [{1: 1.0, 2: 1.0}, {1: 2.0, 2: 1.5, 3: -1.0}, {0: 1.0}, {3: 2.0}, {}], ids=str)
+def test_the_causes_are_found_that_act_and_not_one_that_stands_in_for_two(truth: Mapping[int, float]) -> None:
+    assert chosen(truth) == {f"load.n{k}" for k in truth}
