@@ -174,7 +174,12 @@ class Rounds:
     # --- one round -------------------------------------------------------------------------------------------------
 
     def fit_round(
-        self, accepted: Sequence[Candidate], current: Judged, left: float, instead: Candidate | None = None
+        self,
+        accepted: Sequence[Candidate],
+        current: Judged,
+        left: float,
+        instead: Candidate | None = None,
+        most: int | None = None,
     ) -> tuple[list[Candidate], float]:
         """Fitted variants of a round in the order of their rough costs, and what the screen promised.
 
@@ -183,6 +188,7 @@ class Rounds:
             current: the model.
             left: its loss per value beyond that of the noise.
             instead: a cause in whose place one of the model's and one of the round are tried together.
+            most: causes that are fitted to convergence; default: as the settings say.
         """
         extended = self.parameters(accepted)
         here = middle(*current.fits)
@@ -196,7 +202,7 @@ class Rounds:
         if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
         chosen = to_try(screened.chosen, shown, self.numbers, blind=left > self.settings.far)
-        found = self.fitted(chosen, accepted, current, left, instead)
+        found = self.fitted(chosen, accepted, current, left, instead, most)
         parted = [] if instead is not None else self.parted(chosen, accepted, current, left)
         return [*found, *parted], screened.promise
 
@@ -228,6 +234,7 @@ class Rounds:
         current: Judged,
         left: float,
         instead: Candidate | None = None,
+        most: int | None = None,
     ) -> list[Candidate]:
         """Variants fitted on top of a model in the order of their rough costs, less those that are far behind.
 
@@ -237,6 +244,7 @@ class Rounds:
             current: the model.
             left: its loss per value beyond that of the noise.
             instead: a cause in whose place they are tried.
+            most: causes that are fitted to convergence; default: as the settings say.
         """
         if not chosen:
             return []
@@ -255,6 +263,7 @@ class Rounds:
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < sure or n in near]
         finalists += [cause.key for cause, _ in chosen[: settings.foreseen] if cause.key not in finalists]
         finalists += [cause.key for cause, _ in chosen if cause.seen and cause.key not in finalists]
+        finalists = finalists[:most]
         found: list[Candidate] = []
         passed: list[tuple[Fit, Cause, Variant]] = []
         best, joined = dict[str, float](), dict[str, float]()
