@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from .changed import with_changed_numbers
+from .forward import NUMERICAL, Searcher
 from .led import search_led
 from .loose import charged, search_loosely
 from .result import Search
 from .tied import leaves_tie, search_tied
 from .usual import usual_causes
-
-if TYPE_CHECKING:
-    from .forward import Searcher
 
 SEVERAL = 2  # causes, of which a search that adds one at a time may take what stands in for both
 
@@ -39,7 +36,11 @@ def from_usual(searcher: Searcher) -> Search:
     Where much stays beside them, both are tried, and the better is taken, or as good with fewer causes.
     """
     searcher.progress("fitting all usual causes at once")
-    usual = usual_causes(searcher)
+    try:
+        usual = usual_causes(searcher)
+    except NUMERICAL as error:
+        searcher.progress(f"the fit of all usual causes failed numerically ({type(error).__name__}: {error})")
+        return searcher.run()
     if len(usual.forms) < SEVERAL:
         return searcher.run()
     found = searcher.run(usual)

@@ -324,3 +324,14 @@ def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_o
     taken = from_usual(searcher)
     assert (True in asked) == again
     assert (taken is other) == again  # it fits as well, with fewer causes
+
+
+def test_a_search_begins_with_nothing_where_the_fit_of_all_usual_causes_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(searcher: object) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr(seek, "usual_causes", fails)
+    said: list[str] = []
+    searcher: Any = SimpleNamespace(progress=said.append, run=lambda: "from nothing")
+    assert from_usual(searcher) == "from nothing"
+    assert "singular" in said[-1]
