@@ -150,7 +150,7 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
     own = acts.any(axis=0)
     back = (np.array([_neutral(p, choice.nominal) for p in parameters]) - optimum)[own]
     covariance, acts = covariance[np.ix_(own, own)], acts[:, own]
-    chosen = np.array(list(itertools.product((False, True), repeat=len(choice.forms))))
+    chosen = np.array(list(itertools.product((False, True), repeat=len(choice.forms))), dtype=bool)
     costs = np.concatenate([_without(covariance, back, some @ acts) for some in np.array_split(chosen, 64)]) + least
     sizes = chosen @ np.array([flexibility(*form) for form in choice.forms])
     charged = costs + choice.charge * max(here.cost, 1.0) * sizes

@@ -52,3 +52,10 @@ def chosen(truth: Mapping[int, float]) -> set[str]:
 @pytest.mark.parametrize("truth", [{1: 1.0, 2: 1.0}, {1: 2.0, 2: 1.5, 3: -1.0}, {0: 1.0}, {3: 2.0}, {}], ids=str)
 def test_the_causes_are_found_that_act_and_not_one_that_stands_in_for_two(truth: Mapping[int, float]) -> None:
     assert chosen(truth) == {f"load.n{k}" for k in truth}
+
+
+def test_of_no_causes_none_are_chosen() -> None:
+    problem: Any = Bent({})
+    tuned = [Parameter("load.n0", "1", -4.0, 4.0, 0.0, 0.5)]
+    found = best_subset(Choice(problem, tuned, (), NOTHING, charge=0.02), fit(problem, tuned))
+    assert found.keys == frozenset() and set(found.fit.values) == {"load.n0"}
