@@ -197,8 +197,9 @@ class WalkEnv(SingleEnv, task=WalkTask):
     After 1000 steps (20 s).
 
     ## Size
-    What of the commands, `cadence`, `lift`, the tolerances and `air_time` is null follows from the height $h$ of the base over
-    its feet: speeds are shares of $\sqrt{g h}$, rates of $\sqrt{g / h}$. For the quadruped, 0.16 m high, they are 0.3 m/s
+    What of the commands, `cadence`, `lift`, the tolerances, `air_time` and `energy_weight` is null follows from the height $h$
+    of the base over its feet and the mass $m$: speeds are shares of $\sqrt{g h}$, rates of $\sqrt{g / h}$, powers of
+    $m g \sqrt{g h}$. For the quadruped, 0.16 m high, they are 0.3 m/s
     forward, 0.6 rad/s, 2.5 Hz and 0.02 m. On two feet, speeds and lift are a third.
     Legs that cannot step aside, or turn only in part, are asked for 0, or for that part.
     Where the reference gait alone falls, the lift is halved, up to twice.

@@ -26,6 +26,7 @@ class Standing:
         base: body with the free joint.
         qpos, dof: where that joint begins in positions and in speeds.
         height: of the base over its feet [m].
+        weight: of the robot [N].
         up: the vertical in the base's frame (3,).
         forward: the forward direction in the base's frame (3,).
         feet: bodies that touch the ground.
@@ -41,6 +42,7 @@ class Standing:
     qpos: int
     dof: int
     height: float
+    weight: float
     up: np.ndarray
     forward: np.ndarray
     feet: tuple[str, ...]
@@ -134,6 +136,7 @@ def standing(robot: Robot) -> Standing:
         qpos=at,
         dof=dof,
         height=height,
+        weight=float(mujoco.mj_getTotalmass(model)) * float(np.linalg.norm(model.opt.gravity)),
         up=turn[2].copy(),
         forward=turn[0].copy(),
         feet=tuple(model.body(number).name for number in numbers),

@@ -43,6 +43,7 @@ class Sizes:
     tolerance: float
     turn_tolerance: float
     air_time: float
+    energy_weight: float
 
     @classmethod
     def of(cls, stance: Standing) -> Sizes:
@@ -65,6 +66,7 @@ class Sizes:
             "tolerance": 0.0634 * speed,
             "turn_tolerance": 0.0386 * rate,
             "air_time": 1.555 / rate,
+            "energy_weight": 0.0326 / (stance.weight * stance.height * rate),
         }
         short: dict[str, Any] = {key: _short(value) for key, value in found.items()}
         return cls(**short)
@@ -110,7 +112,7 @@ class WalkTask(Commanded):
     collision_weight: float = 0.5
     smooth_weight: float = 0.05
     duty_weight: float = 0.1
-    energy_weight: float = 0.002
+    energy_weight: float | None = option(None, "see Rewards", "1/W")
     stand_weight: float = 1.0
     healthy_tilt: float = option(0.7, "see Termination", "rad")
     healthy_height: float = option(0.5, "see Termination")
@@ -255,7 +257,7 @@ class WalkTask(Commanded):
         terms = {
             "reward_upright": -self.upright_weight * (1.0 - up**2),
             "reward_smooth": -self.smooth_weight * (change**2).mean(axis=1),
-            "reward_energy": -self.energy_weight * power,
+            "reward_energy": -self.sizes.energy_weight * power,
             "reward_stand": -self.stand_weight * still * away,
         }
         return terms | self._simulated(m, still) if m.world.simulated else terms

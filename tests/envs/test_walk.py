@@ -176,6 +176,7 @@ def test_what_is_left_open_follows_from_the_size_of_the_robot() -> None:
     own, small = WalkTask(cadence=None).sizes, WalkTask.on("small_biped")(cadence=None).sizes
     assert (own.forward, own.turn, own.cadence, own.lift) == ((-0.2, 0.3), (-0.6, 0.6), 2.5, 0.02)
     assert small.lift < 0.5 * own.lift and small.cadence < own.cadence
+    assert own.energy_weight == 0.002 > small.energy_weight, "a heavier robot needs more power"
     engine = BatchEngine(WalkTask(cadence=None, lift=0.01), 1)
     assert engine.fitted["cadence"] == 2.5 and "lift" not in engine.fitted
     asked = engine.task.commands(np.random.default_rng(0).random((99, WalkTask.draws)))
