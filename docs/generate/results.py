@@ -295,7 +295,20 @@ def policies() -> dict[str, Any]:
             "told": f"{len(starts.column('told'))} of {len(starts.column('hidden'))}",
         },
         "effects": effects(),
+        "legs": on_legs(),
     }
+
+
+def on_legs() -> str:
+    """Public robots that learned to walk, each beside its reference gait."""
+    rows = []
+    for name, row in numbers("walking")["robots"].items():
+        each = (
+            f"{row[key]['falls']}, {100 * row[key]['speed']:.0f} %, {100 * row[key]['turn']:.0f} %"
+            for key in ("gait", "policy")
+        )
+        rows.append((name, str(row["joints"]), f"{row['mass']:.1f}", f"{row['steps']:,}", *each))
+    return table(("robot", "joints", "mass [kg]", "steps learned", "its gait alone", "policy"), rows)
 
 
 def safety() -> dict[str, Any]:
