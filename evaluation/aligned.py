@@ -4,26 +4,36 @@ A run of its own soon differs from the machine's, whatever the model: a hop more
 where the machine was at the start of each window, gets the goals that the machine got, when it got them, and is
 compared over that window. How far it would be off if it were the machine is rehearsed in the same window, with the
 model in the place of the machine: encoder steps, the time of a reading and of the goals, speeds taken from differences,
-and how much a landing magnifies all that are then in both.
+and how much a landing magnifies all that are then in both. The base of a robot that an IMU alone measures is placed as
+:mod:`sealegs.evaluation.standing` says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
+from typing import Any
 
 import mujoco
 import numpy as np
+from scipy.optimize import least_squares
 
 from ..actuators.engine import install
+from ..envs.engine import turns
+from ..envs.engine.imu import Imu, Spread
+from ..envs.engine.keyed import key_of
 from ..hw.machine.robot import ServoRobot
-from ..hw.run.simulated import Recording, velocity_of
+from ..hw.run.simulated import Recording, Turned, velocity_of
 from ..hw.virtual.machine import Machine
+from .standing import FreeBase
 
 WINDOW = 0.2  # [s]
 DRAWS = 5000  # of exchanges
 DEPARTS = 0.25  # of the spread of a signal on the machine: a model further off than this has departed
 WHOLE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+MOST_BIASED = 3.0  # standard deviations of what an IMU is bought for, by which it may lean
+LEVELLINGS = 5  # steps of the search for that
 LOOPS = 5  # Newton steps that close a mechanism's loops
 
 
@@ -46,7 +56,48 @@ class Aligned:
         sensors = {sensor.name: 1.0 for sensor in robot.sensors if not sensor.name.endswith(".link")}
         self._robot = robot
         self._machine = Machine(robot.robot, dict(robot.chains), None, robot.params, sensors)
+        self._base = self._unmeasured_base()
         self._fixed = [self._machine.model.joint(name).id for name in self._driven_joints()]
+
+    def levelled(self, run: Recording, window: float = WINDOW) -> Recording:
+        """``run`` without the lean of its IMU's seat, where nothing but an IMU tells how the base turns.
+
+        How it leans nobody knows. It is taken to lean, within what it is bought for, so that the base goes on from each
+        window's start as it did: one that leans otherwise tips onto its feet.
+        """
+        imu, turned, rows = self._robot.imu, run.turned, windows(run, window)
+        if imu is None or turned is None or self._base is None or not rows or not imu.bias.orientation:
+            return run
+
+        def leaning(*sizes: float) -> Recording:
+            back = turns.inverse(turns.of_vector(imu.bias.orientation * np.array([*sizes, 0.0])))
+            return replace(run, turned=replace(turned, orientation=turns.multiply(turned.orientation, back)))
+
+        @lru_cache
+        def tips(*sizes: float) -> np.ndarray:
+            supposed = leaning(*sizes)
+            assert supposed.turned is not None
+            turn = self._predicted(supposed, window)[1]
+            off = turns.projected_gravity(turn) - turns.projected_gravity(supposed.turned.at(run.time)[0])
+            return np.concatenate([off[first + 1 : last + 1].ravel() for first, last in rows])
+
+        def slopes(sizes: np.ndarray) -> np.ndarray:
+            return np.stack([tips(*(sizes + step)) - tips(*sizes) for step in np.eye(2)], axis=1)
+
+        analytic: Any = slopes  # SciPy's stubs know words alone
+        found: Any = least_squares(
+            lambda sizes: tips(*sizes), (0.0, 0.0), analytic, (-MOST_BIASED, MOST_BIASED),
+            loss="soft_l1", f_scale=imu.noise.orientation + 1e-3, max_nfev=LEVELLINGS,
+        )  # fmt: skip
+        return leaning(*found.x)
+
+    def _unmeasured_base(self) -> FreeBase | None:
+        """The free base, where no sensor says how high it is."""
+        layout, model = self._machine.layout, self._machine.model
+        place = layout.base_in(model)
+        if place is None or f"{layout.base_name}.z" in self._robot.base_names:
+            return None
+        return FreeBase(model, place, self._robot.robot.pose)
 
     def _driven_joints(self) -> set[str]:
         model = self._machine.model
@@ -56,11 +107,15 @@ class Aligned:
 
     def predict(self, run: Recording, window: float = WINDOW) -> Recording:
         """``run`` as the model predicts it from its state at the start of each window; NaN outside of windows."""
-        columns = blank(run)
+        return self._predicted(run, window)[0]
+
+    def _predicted(self, run: Recording, window: float) -> tuple[Recording, np.ndarray]:
+        """The prediction, and how a free base is turned in it (n, 4)."""
+        columns, turn = blank(run), np.full((len(run.time), 4), np.nan)
         for first, last in windows(run, window):
             self._put(run, first)
-            self._follow(run, first, last, run.time, columns)
-        return _recording(run, columns)
+            self._follow(run, first, last, run.time, columns, turn=turn)
+        return _recording(run, columns), turn
 
     def rehearse(self, run: Recording, window: float = WINDOW) -> tuple[Recording, Recording]:
         """What :meth:`predict` would come to if the machine were the model: what was measured, and its prediction.
@@ -71,15 +126,18 @@ class Aligned:
         brace each other within a step of their encoders. Where it has strayed, as a hopper does after some hops, it is
         put where the machine was a window earlier.
         """
-        measured, predicted, per_window = blank(run), blank(run), _per_window(run, window)
+        measured, predicted, stride = blank(run), blank(run), _lengths(run, window)[1]
         asked = run.asked if len(run.asked) else run.time
         model, data = self._machine.model, self._machine.data
-        places = np.concatenate([run.position, run.base], axis=1)
-        steps = np.concatenate([self._steps["position"], self._steps["base"]])
+        turned, imu = run.turned, self._robot.imu
+        leans = np.empty((len(run.time), 0)) if turned is None else turns.projected_gravity(turned.at(run.time)[0])
+        told = 0.0 if imu is None else np.hypot(imu.noise.orientation, imu.bias.orientation)
+        places = np.concatenate([run.position, run.base, leans], axis=1)
+        steps = np.concatenate([self._steps["position"], self._steps["base"], np.full(leans.shape[1], told)])
         near = np.maximum(DEPARTS * places.std(axis=0), 2.0 * steps)
         state, there = np.zeros(mujoco.mj_stateSize(model, WHOLE)), np.full(len(steps), np.inf)
         for first, last in windows(run, window):
-            begin = first - per_window
+            begin = first - stride
             if (np.abs(there - places[begin]) < near).all():
                 mujoco.mj_setState(model, data, state, WHOLE)
                 install()
@@ -87,15 +145,16 @@ class Aligned:
             else:
                 self._put(run, begin)
             read = blank(run)
-            self._follow(run, begin, first, asked, read)
+            samples = _Samples(self._machine, run.turned)
+            self._follow(run, begin, first, asked, read, samples)
             mujoco.mj_getState(model, data, state, WHOLE)
-            there = np.concatenate([read["position"][first], read["base"][first]])
-            self._follow(run, first, last, asked, read)
+            there = np.concatenate([read["position"][first], read["base"][first], samples.lean])
+            self._follow(run, first, last, asked, read, samples)
             for name, step in self._steps.items():
                 if read[name].size:
                     read[name][:] = step * np.round(read[name] / step)
             rows = np.arange(first - 1, last + 1)
-            part = replace(_recording(run, read), sent=run.sent).cut(rows)
+            part = replace(_recording(run, read), sent=run.sent, turned=samples.read(imu, last)).cut(rows)
             foreseen = blank(part)
             self._put(part, 1)
             self._follow(part, 1, len(rows) - 1, part.time, foreseen)
@@ -112,6 +171,8 @@ class Aligned:
         last: int,
         times: np.ndarray,
         columns: Mapping[str, np.ndarray],
+        samples: _Samples | None = None,
+        turn: np.ndarray | None = None,
     ) -> None:
         """Simulate from the row ``first`` to ``last`` with the goals of ``run``, and note what is there at ``times``.
 
@@ -120,15 +181,18 @@ class Aligned:
             first, last: of them.
             times: of the rows (n,) [s].
             columns: to fill.
+            samples: of the IMU, to take on the way.
+            turn: to fill with how a free base is turned (n, 4).
         """
         machine, joints = self._machine, range(len(self._machine.names))
+        advance = machine.advance if samples is None else samples.advance
         sent = np.where(np.isfinite(run.sent), run.sent, run.time) if len(run.sent) else run.time
         machine.data.time = times[first]
         for row in range(first, last):
-            machine.advance(sent[row])
+            advance(sent[row])
             for joint in joints:
                 machine.set_goal(joint, float(run.goal[row, joint]))
-            machine.advance(times[row + 1])
+            advance(times[row + 1])
             for name, value in (
                 ("position", machine.reading), ("duty", machine.duty), ("current", machine.current),
                 ("voltage", machine.voltage),
@@ -137,6 +201,8 @@ class Aligned:
             columns["base"][row + 1] = [machine.position(k) for k in range(len(joints), len(machine.encoders))]
             if run.link.size:
                 columns["link"][row + 1] = [machine.link(joint) for joint in joints]
+            if turn is not None and self._base is not None:
+                turn[row + 1] = machine.base_turn()[0]
 
     def _put(self, run: Recording, row: int) -> None:
         """The state of the machine at a row, its speeds from the rows beside it."""
@@ -145,6 +211,8 @@ class Aligned:
         qvel = np.zeros(model.nv)
         mujoco.mj_differentiatePos(model, qvel, float(run.time[row + 1] - run.time[row - 1]), before, after)
         mujoco.mj_resetData(model, data)
+        if self._base is not None:
+            self._base.move(here, qvel, None if run.turned is None else run.turned.at(run.time[row : row + 1])[1][0])
         data.qpos[:], data.qvel[:] = here, qvel
         for joint, name in enumerate(self._machine.names):
             data.ctrl[self._machine.drivetrain.actuator_ids[name]] = run.goal[row - 1, joint]
@@ -153,7 +221,7 @@ class Aligned:
 
     def _qpos(self, run: Recording, row: int) -> np.ndarray:
         machine = self._machine
-        qpos = np.array(machine.model.qpos0)
+        qpos = np.array(machine.model.qpos0 if self._base is None else self._base.home)
         names = self._robot.base_names
         values: Mapping[str, float] = dict(zip(names, run.base[row].tolist(), strict=True))
         machine.layout.place(machine.model, qpos, values)
@@ -161,7 +229,10 @@ class Aligned:
         for _ in range(2):  # a coordinate of two joints needs the other's place
             for k, name in enumerate(machine.names):
                 machine.drivetrain.set_position(name, qpos, run.position[row, k], link[k])
-        return self._closed(qpos) if machine.model.neq else qpos
+        qpos = self._closed(qpos) if machine.model.neq else qpos
+        if self._base is not None:
+            self._base.put(qpos, None if run.turned is None else run.turned.at(run.time[row : row + 1])[0][0])
+        return qpos
 
     def _closed(self, qpos: np.ndarray) -> np.ndarray:
         """The mechanism's loops closed by the joints that are neither driven nor measured."""
@@ -183,14 +254,49 @@ class Aligned:
         return np.array(data.qpos)
 
 
-def _per_window(run: Recording, window: float) -> int:
-    return max(round(window / run.period), 2)
+class _Samples:
+    """What the IMU of a simulated machine says at the times at which that of another one was read."""
+
+    def __init__(self, machine: Machine, other: Turned | None) -> None:
+        self._machine = machine
+        self._due = np.empty(0) if other is None else other.time
+        self._times: list[float] = []
+        self._found: list[tuple[np.ndarray, np.ndarray]] = []
+
+    @property
+    def lean(self) -> np.ndarray:
+        """Of the machine now, as the direction of gravity (3,); (0,) where no IMU is read."""
+        return turns.projected_gravity(self._machine.base_turn()[0]) if len(self._due) else np.empty(0)
+
+    def advance(self, time: float) -> None:
+        """Simulate up to ``time`` [s]."""
+        for due in self._due[(self._due > self._machine.time) & (self._due <= time)].tolist():
+            self._machine.advance(due)
+            self._times.append(due)
+            self._found.append(self._machine.base_turn())
+        self._machine.advance(time)
+
+    def read(self, imu: Imu | None, number: int) -> Turned | None:
+        """The samples with the noise of an IMU, which ``number`` draws; how it leans is fitted, so it does not."""
+        if imu is None or not self._times:
+            return None
+        plain = replace(imu, bias=Spread(0.0, imu.bias.turn_rate))
+        orientation, turn_rate = (np.array(values) for values in zip(*self._found, strict=True))
+        key, count = key_of(np.full(len(self._times), 0.5)), len(self._times)
+        read = plain.measured(orientation, turn_rate, key, number * count + np.arange(count))
+        return Turned(np.array(self._times), *read)
+
+
+def _lengths(run: Recording, window: float) -> tuple[int, int]:
+    """Rows of a window, and from the start of one to that of the next: no gait has all of them at one moment of it."""
+    rows = max(round(window / run.period), 2)
+    return rows, rows + 1
 
 
 def windows(run: Recording, window: float = WINDOW) -> list[tuple[int, int]]:
     """First row of each whole window but the first, from which the next is approached, and the row that ends it."""
-    per_window = _per_window(run, window)
-    return [(at, at + per_window) for at in range(1 + per_window, len(run.time) - per_window, per_window)]
+    rows, stride = _lengths(run, window)
+    return [(at, at + rows) for at in range(1 + stride, len(run.time) - rows, stride)]
 
 
 def blank(run: Recording) -> dict[str, np.ndarray]:
@@ -203,7 +309,8 @@ def _recording(run: Recording, columns: Mapping[str, np.ndarray]) -> Recording:
     """With the times and goals of ``run``; speeds are from its positions where others are unknown."""
     known = np.isfinite(columns["position"])
     velocity = velocity_of(run.time, np.where(known, columns["position"], run.position))
-    return Recording(run.time, run.goal, velocity=np.where(known, velocity, np.nan), rewards={}, **columns)
+    speeds: Any = {"velocity": np.where(known, velocity, np.nan)}
+    return Recording(run.time, run.goal, **columns, **speeds, rewards={})
 
 
 def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.ndarray:

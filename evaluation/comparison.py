@@ -105,7 +105,7 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
     assert isinstance(own, PolicyCommands)
     say(f"On the machine ({'servos' if config['hw']['virtual'] is None else 'virtual bus'}), {seconds:g} s")
     outcome, log = on_machine(prepared, say)
-    machine = recorded(log, own)
+    machine = recorded(log, own, robot)
     if len(machine.time) < rate:
         raise SealegsError(f"the machine's run ended after {len(machine.time)} cycles: {outcome}; the log is {log}.")
     limits = prepared.limits
@@ -117,7 +117,8 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
         run = simulate(model, commands(), limits, rate, spent)
         runs[name] = run.cut(min(len(run.time), len(machine.time)))
         aligned = Aligned(model)
-        predicted, (rehearsed, foreseen) = aligned.predict(machine), aligned.rehearse(machine)
+        level = aligned.levelled(machine)
+        predicted, (rehearsed, foreseen) = aligned.predict(level), aligned.rehearse(level)
         unpredictable = find_departures(rehearsed, foreseen, robot)  # not even where nothing differs
         departures = {
             signal: at

@@ -93,7 +93,7 @@ class Transactions:
         """Write a row of bytes to each servo in one packet, which none acknowledges.
 
         Returns:
-            Host's monotonic clock behind it [s].
+            Host's monotonic clock when its last byte is on the wire [s]: then the servos heed it.
 
         Raises:
             RegisterError: no servo, or one twice.
@@ -107,10 +107,10 @@ class Transactions:
         with self.lock:
             self._require_open()
             try:
-                self._send(BROADCAST, SYNC_WRITE, parameters)
+                request = self._send(BROADCAST, SYNC_WRITE, parameters)
             except Exception as error:
                 raise self._named(error) from None
-            return self.port.now()
+            return self.port.now() + len(request) * self._byte_time
 
     def transact(
         self, ids: Sequence[int], instruction: int, parameters: list[int], length: int, timeout: float | None = None

@@ -82,7 +82,7 @@ class Asked:
         for known in (list(self.names), short):
             if name.strip() in known:
                 return known.index(name.strip())
-        raise SealegsError(f"{where} names '{name}'{nearest(name, short)}; the policy's task asks for {self.told}.")
+        raise SealegsError(f"{where} names '{name}'{nearest(name, short)}; the task asks for {self.told}.")
 
     @property
     def told(self) -> str:
@@ -146,9 +146,7 @@ class AskedFunction(Asked):
         else:
             wanted = np.atleast_1d(np.asarray(given, float))
             if wanted.shape != values.shape:
-                raise SealegsError(
-                    f"command gives {wanted.shape[0]} number(s); the policy's task asks for {self.told}."
-                )
+                raise SealegsError(f"command gives {wanted.shape[0]} number(s); the task asks for {self.told}.")
             values = wanted
         if not np.isfinite(values).all():
             raise SealegsError(f"command gives a number that is not finite at {time:.3f} s.")

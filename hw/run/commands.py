@@ -249,7 +249,10 @@ class Reference:
             SealegsError: the robot has no reference controller, no spring to feel, or nothing that measures springs.
         """
         if robot.robot.source != "hopper":  # a file may have that name too
-            raise SealegsError(f"robot '{robot.robot.source}' has no reference controller; robot=hopper has one.")
+            raise SealegsError(
+                f"robot '{robot.robot.source}' has no reference controller; robot=hopper has one. A gait of any robot "
+                "on legs is reference=walk, a trajectory reference=track."
+            )
         if not robot.measures_links:  # motor and link would read the same, and the goals never change
             mounted = [sensor.name for sensor in robot.sensors]
             missing = [link for link in (f"{name}.link" for name in robot.names) if link not in mounted]

@@ -43,6 +43,7 @@ from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from .pace import measured, not_kept
 from .policy import Policy
 from .realtime import realtime
+from .task_reference import TaskReference
 
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
@@ -137,8 +138,11 @@ def prepare(config: Mapping[str, Any], source: Callable[[ServoRobot], Commands] 
     if len(given) != 1 and source is None:
         what = f"{' and '.join(given)} cannot run at once" if given else "say what to run"
         raise SealegsError(f"{what}: give one of {', '.join(f'{key}=' for key in SOURCES)} (--help lists the keys).")
-    if config["command"] is not None and given != ["policy"]:
-        raise SealegsError(f"command= is what a policy is asked for; leave it out with {''.join(given[:1])}=.")
+    asked = given == ["policy"] or (given == ["reference"] and config["reference"] is not True)
+    if config["command"] is not None and not asked:
+        raise SealegsError(
+            f"command= is what a policy or a task's reference is asked for; leave it out with {''.join(given[:1])}=."
+        )
     calibration = calibration_of(config)
     if config["extended"] is None:
         robot = build_robot(config["robot"], config["actuator"], calibration, config["port"])
@@ -396,6 +400,8 @@ def _commands(kind: str, config: Mapping[str, Any], robot: ServoRobot) -> Comman
         return policy_commands(policy, robot, config["command"])
     if kind == "replay":
         return read_replay(Path(str(config["replay"])), robot)
+    if kind == "reference" and config["reference"] is not True:
+        return TaskReference(config["reference"], robot, config["command"])
     if kind == "reference":
         return Reference(robot)
     word = str(config["excitation"])

@@ -16,6 +16,7 @@ import numpy as np
 from ...common.errors import SealegsError
 from ...envs.engine.imu import COLUMNS
 from ...envs.engine.switches import PREFIX
+from ...gap.checks.imu import imu_of
 from ...gap.log import read_measured
 from ..guard.safety import Limits, Safety
 from ..machine.robot import Reading, ServoRobot
@@ -24,6 +25,31 @@ from ..virtual.in_process import bus_in_process
 from .commands import Commands
 from .loop import ControlLoop
 from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
+
+
+@dataclass(frozen=True)
+class Turned:
+    """How a base turned, as its IMU says: m samples at their own times.
+
+    Attributes:
+        time: when each was taken (m,), on the clock of a recording [s].
+        orientation: quaternion (m, 4).
+        turn_rate: about the base's axes (m, 3) [rad/s].
+    """
+
+    time: np.ndarray
+    orientation: np.ndarray
+    turn_rate: np.ndarray
+
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Orientation (n, 4) and turn rate (n, 3) at times (n,) [s], straight between samples."""
+        flips = (self.orientation[1:] * self.orientation[:-1]).sum(axis=1) < 0.0  # a quaternion's negative is its turn
+        signs = np.concatenate([[1.0], np.cumprod(np.where(flips, -1.0, 1.0))])
+        turn, turn_rate = (
+            np.stack([np.interp(time, self.time, column) for column in values.T], axis=1)
+            for values in (self.orientation * signs[:, None], self.turn_rate)
+        )
+        return turn / np.linalg.norm(turn, axis=1, keepdims=True), turn_rate
 
 
 @dataclass(frozen=True)
@@ -39,6 +65,7 @@ class Recording:
         sent: when each cycle's goals went out (n,) [s]; empty: with the reading.
         asked: when the readings were asked for (n,) [s], of which ``time`` is the middle; empty: at ``time``.
         link: position behind springs (n, k); empty: not measured.
+        turned: how the base turned; None: no IMU said it.
     """
 
     time: np.ndarray
@@ -53,6 +80,7 @@ class Recording:
     sent: np.ndarray = field(default_factory=lambda: np.empty(0))
     asked: np.ndarray = field(default_factory=lambda: np.empty(0))
     link: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    turned: Turned | None = None
 
     @property
     def period(self) -> float:
@@ -63,9 +91,12 @@ class Recording:
         """The first so many cycles, or those of a mask (n,)."""
         kept = slice(cycles) if isinstance(cycles, int) else cycles
         values: dict[str, Any] = {
-            name: value[kept] if len(value) else value for name, value in vars(self).items() if name != "rewards"
+            name: value[kept] if len(value) else value
+            for name, value in vars(self).items()
+            if name not in ("rewards", "turned")
         }
-        return Recording(**values, rewards={name: value[kept] for name, value in self.rewards.items()})
+        rewards = {name: value[kept] for name, value in self.rewards.items()}
+        return Recording(**values, rewards=rewards, turned=self.turned)
 
 
 class _Unstopped(Safety):
@@ -112,11 +143,11 @@ def simulate(
         if log.rows == 0:
             why = outcome.fault.sentence if outcome.fault is not None else "it ended before its first cycle."
             raise SealegsError(f"the simulation of robot '{robot.robot.name}' comes to nothing: {why}")
-        return recorded(log.path, commands)
+        return recorded(log.path, commands, robot)
 
 
-def recorded(path: Path, commands: Commands) -> Recording:
-    """A run out of its log; speeds as the models have them, differences over a cycle."""
+def recorded(path: Path, commands: Commands, robot: ServoRobot) -> Recording:
+    """A run of ``robot`` out of its log; speeds as the models have them, differences over a cycle."""
     run = read_measured(path).runs[0]
     joints = list(run.joints.values())
 
@@ -137,7 +168,10 @@ def recorded(path: Path, commands: Commands) -> Recording:
     # a model is put into states that are measured as a whole
     known = np.isfinite(np.concatenate([base, link.reshape(len(base), -1)], axis=1).sum(axis=1))
     times = {"time": run.time - run.time[0], "sent": sent, "asked": asked}
-    found = Recording(**times, **columns, base=base, rewards={}, link=link).cut(known)
+    turned, log = None, imu_of(run)
+    if log is not None and robot.imu is not None:
+        turned = Turned(log.time - robot.imu.delay - run.time[0], log.orientation, log.turn_rate)
+    found = Recording(**times, **columns, base=base, rewards={}, link=link, turned=turned).cut(known)
     found = replace(found, rewards=rewards_of(commands, run.time[known] + begun))
     sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)
     return found.cut(int((run.time[known] < sat).sum()))

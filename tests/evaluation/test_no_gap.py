@@ -8,17 +8,22 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import mujoco
 import numpy as np
 import pytest
+from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
 from sealegs.evaluation.aligned import Aligned, squares
 from sealegs.evaluation.comparison import NOMINAL_MACHINE, gap_of, hides_nothing, verdict
 from sealegs.evaluation.page import headline
+from sealegs.evaluation.standing import FreeBase
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.machine.limits import Limits
+from sealegs.hw.machine.own_robot import READERS
 from sealegs.hw.machine.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.run.simulated import simulate
+from sealegs.hw.run.task_reference import TaskReference
 
 from benchmarks.many_starts import FILE, gap, hidden_gap, well
 from tests.servo_runs import POLICIES, committed, config, gentle_policy
@@ -50,6 +55,53 @@ def test_what_a_bench_hides_is_a_gap_and_how_it_is_read_is_none(tmp_path: Path) 
     hidden.write_text("delay.seconds: 0.06\n")
     assert told(None) is None
     assert told(str(hidden)) is not None
+
+
+def told_of_a_walk(hidden: str | None, seconds: float) -> tuple[float | None, float]:
+    """Gap and rms error [rad] between a quadruped on its gait, which only an IMU measures, and what it is taken for."""
+    settings = compose("deploy", {"robot": "quadruped"}, readers=READERS)["robot"]
+    robot, limits = build_robot(settings), Limits.from_config(settings["safety"])
+    gait = TaskReference("walk", robot, {"forward": 0.2})
+    aligned, run = Aligned(robot), simulate(robot, gait, limits, 50.0, seconds, hidden)
+    level = aligned.levelled(run)
+    accounted = np.maximum(squares(*aligned.rehearse(level)), aligned.rounding)
+    found = gap_of(squares(run, aligned.predict(level)), accounted, robot)
+    return found["gap"], found["same_goals"]
+
+
+@pytest.mark.long
+def test_a_walk_that_hides_nothing_has_no_gap_and_one_with_a_delay_has_one(tmp_path: Path) -> None:
+    """Its base was put where its file has it: errors of 100 to 470 mrad, and 'a gap' between a model and itself."""
+    hidden = tmp_path / "hidden.yaml"
+    hidden.write_text("delay.seconds: 0.03\n")
+    gap, error = told_of_a_walk(None, 5.0)
+    assert gap is None and error < 0.015
+    assert told_of_a_walk(str(hidden), 5.0)[0] is not None
+
+
+def test_a_base_that_only_an_imu_measures_stands_turned_as_it_says_and_moves_over_its_lowest_foot() -> None:
+    robot = get_robot("quadruped")
+    drivetrain = robot.drivetrain()
+    model, data = drivetrain.model, mujoco.MjData(drivetrain.model)
+    base = FreeBase(model, (0, 0), robot.pose)
+    qpos, qvel = base.home.copy(), np.zeros(model.nv)
+    for name, start in robot.start.items():
+        drivetrain.set_position(name, qpos, np.asarray(start))
+    turn = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])  # to its right side
+    base.put(qpos, turn)
+    base.move(qpos, qvel, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(qpos[3:7], turn)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    mujoco.mj_forward(model, data)
+    assert data.ncon >= 1, "it touches its floor"
+    contact = data.contact[0]
+    assert abs(contact.dist) < 1e-6
+    (foot,) = [body for body in model.geom_bodyid[contact.geom] if body]
+    assert "right" in model.body(foot).name
+    jacobian = np.zeros((3, model.nv))
+    mujoco.mj_jac(model, data, jacobian, None, contact.pos, foot)
+    np.testing.assert_allclose(jacobian @ data.qvel, 0.0, atol=1e-6)
+    assert np.linalg.norm(data.qvel[:2]) > 0.05, "the base goes around its foot"
 
 
 @pytest.mark.long

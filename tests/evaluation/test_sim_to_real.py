@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,7 +82,8 @@ def test_table_and_page_are_written_once_and_ask_no_network(comparison: tuple[Co
 def recording(position: np.ndarray, base: np.ndarray | None = None, **values: np.ndarray) -> Recording:
     time = np.arange(len(position)) / 100.0
     flat = np.ones((len(position), 1))
-    columns = {"goal": position, "position": position, "velocity": flat, "duty": flat, "current": flat, "voltage": flat}
+    columns: dict[str, Any] = {"goal": position, "position": position, "velocity": flat, "duty": flat, "current": flat}
+    columns["voltage"] = flat
     columns = {name: np.reshape((columns | values)[name], (-1, 1)) for name in columns}
     return Recording(time, **columns, base=np.zeros((len(time), 0)) if base is None else base, rewards={})
 

@@ -107,7 +107,7 @@ def test_a_function_of_the_callers_asks_in_each_cycle(tracker: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("command", "sentence"),
     [
-        ("{knee: 0.1}", "names 'knee'; the policy's task asks for joint [rad]"),
+        ("{knee: 0.1}", "names 'knee'; the task asks for joint [rad]"),
         ("{joint: 9.0}", "asks for joint [rad] 9, but the policy was trained with"),
         ("[0.1,0.2]", "the task takes 1 command value(s), not 2: joint [rad]"),
         ("no.csv", "command=no.csv cannot be read"),

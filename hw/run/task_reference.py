@@ -1,0 +1,93 @@
+"""The reference of a task on servos: the gait or the lead that a policy of the task would correct, and no policy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from ...common.errors import SealegsError, nearest
+from ...configs.compose import FOLDER, choices
+from ...envs.contract import task_of
+from ...envs.engine.base import BaseLayout
+from ...envs.engine.batch import BatchEngine
+from ...envs.engine.task import Task
+from ..machine.robot import Reading, ServoRobot
+from .asked import asked_for
+
+FORM = "a word such as walk, or one with numbers of its task: {walk: {cadence: 2.0}}"
+
+
+class TaskReference:
+    """Goals of a task's reference, as a policy whose actions are all 0 would give them.
+
+    Attributes:
+        task: with numbers that fit the robot.
+        asked: what it is asked for over time; None: the middle of what the task draws.
+    """
+
+    def __init__(self, given: Any, robot: ServoRobot, command: Any = None) -> None:
+        """Prepare.
+
+        Args:
+            given: name of a file of ``configs/env``, or a mapping from it to numbers of its task.
+            robot: that it runs on.
+            command: as in :func:`sealegs.hw.run.asked.asked_for`.
+
+        Raises:
+            SealegsError: there is no such task, it has no reference, or it is for another robot.
+        """
+        word, numbers = next(iter(given.items())) if isinstance(given, Mapping) and len(given) == 1 else (given, {})
+        known = choices("env")
+        if not isinstance(word, str) or not isinstance(numbers, Mapping):
+            raise SealegsError(f"reference is {given!r}; it is {FORM}.")
+        if word not in known:
+            raise SealegsError(f"there is no task '{word}'{nearest(word, known)}; reference= takes {FORM}.")
+        self.task = _fitted(word, numbers, robot)
+        self.name, self.rate, self.duration = f"reference-{word}", self.task.control_rate, math.inf
+        self._robot, self._numbers = robot, robot.robot.parameters(robot.params)
+        self._middle = np.full((1, self.task.draws), 0.5)
+        self._command = self.task.commands(self._middle)[0]
+        self.asked = None if command is None else asked_for(command, self.task)
+        told = self._command.tolist() if self.asked is None else self.asked.description
+        self.description = {"reference": given, "command": told}
+        if self.task.reference(np.zeros(1), self._command[None], self._numbers) is None:
+            raise SealegsError(f"the task '{word}' has no reference; walk and track have one.")
+
+    @cached_property
+    def pose(self) -> dict[str, float]:
+        """The whole robot at the start, by joint [rad or m]: how a person holds it up."""
+        drivetrain = self.task.robot.drivetrain(None, self._numbers)
+        qpos = np.array(drivetrain.model.qpos0)[None].copy()
+        self.task.place(drivetrain, self._numbers, self._middle, qpos, np.zeros((1, drivetrain.model.nv)))
+        found = BaseLayout(self.task.robot, self._robot.params).values_of(drivetrain.model, qpos[0])
+        start = dict(zip(self._robot.names, self.start().tolist(), strict=True))
+        return {name: start.get(name, value) for name, value in found.items()}
+
+    def start(self) -> np.ndarray:
+        return self._at(0.0, None if self.asked is None else self.asked.still())
+
+    def goals(self, time: float, reading: Reading) -> np.ndarray:
+        del reading
+        return self._at(time, self.asked)
+
+    def _at(self, time: float, asked: Any) -> np.ndarray:
+        command = self._command if asked is None else self.task.command_at(time, asked)
+        found = self.task.reference(np.array([time]), command[None], self._numbers)
+        assert found is not None
+        return np.clip(np.asarray(found[0])[0], self._robot.low, self._robot.high)
+
+
+def _fitted(word: str, numbers: Mapping[str, Any], robot: ServoRobot) -> Task:
+    """The task of a file of ``configs/env`` on a robot, with numbers that follow from robot and chains."""
+    env: Any = OmegaConf.to_container(OmegaConf.load(FOLDER / "env" / f"{word}.yaml"))
+    env = {key: value for key, value in env.items() if key not in ("params", "randomization")}
+    own = robot.robot.source
+    if "robot" not in env:
+        raise SealegsError(f"the task '{word}' has a robot of its own; reference= takes tasks of any robot, as walk.")
+    task = task_of({**env, **{str(key): value for key, value in numbers.items()}, "robot": own})[0]
+    return BatchEngine(task, 1, actuator=robot.chains, params=robot.params).task
