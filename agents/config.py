@@ -157,7 +157,7 @@ def _of_run(pairs: Mapping[str, str]) -> dict[str, Any]:
     if "agent" in pairs:
         raise SealegsError(f"{folder} was learnt by its own algorithm: leave agent= out; agent.<key>= can be given.")
     env = _env_as_named(stored, str(folder), checked("env", own["env"], str | None), trust)
-    env = {key: value for key, value in env.items() if key not in stored.get("measured", ())}
+    env = {**env, **dict.fromkeys(stored.get("measured", ()))}  # measured anew on the model
     if any(key in pairs for key in _MODEL):
         numbers = () if stored.get("extended") is None else ("params",)  # they are of the diagnosis before
         env = {key: value for key, value in env.items() if key not in numbers} | {"randomization": None}

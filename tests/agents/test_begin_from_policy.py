@@ -72,6 +72,16 @@ def test_another_model_is_given_its_own_lead(first: Path, tmp_path: Path) -> Non
     assert lead_of(asked) == 0.01
 
 
+def test_what_followed_from_the_size_of_a_robot_does_so_again(tmp_path: Path) -> None:
+    """A walking run that began with another was refused: its cadence was that of no gait."""
+    walking = read_config(["env=walk"]).config
+    assert walking is not None
+    env = walking.env | {"cadence": 2.5, "lift": 0.02}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump({**walking.as_dict(), "env": env, "measured": ["cadence"]}))
+    config = read_config([f"from={tmp_path}"]).config
+    assert config is not None and config.env["cadence"] is None and config.env["lift"] == 0.02
+
+
 def test_a_run_that_began_from_another_says_so_and_is_a_run_as_any(first: Path) -> None:
     out = first.parent
     assert run(f"from={first}", f"out={out}", "name=second", "total_timesteps=64") == 0
