@@ -263,7 +263,6 @@ class Rounds:
         finalists = [n for k, n in enumerate(order[: settings.finalists]) if k < sure or n in near]
         finalists += [cause.key for cause, _ in chosen[: settings.foreseen] if cause.key not in finalists]
         finalists += [cause.key for cause, _ in chosen if cause.seen and cause.key not in finalists]
-        finalists = finalists[:most]
         found: list[Candidate] = []
         passed: list[tuple[Fit, Cause, Variant]] = []
         best, joined = dict[str, float](), dict[str, float]()
@@ -287,6 +286,8 @@ class Rounds:
                     continue  # another of its cause's variants does better
                 joined[cause.key] = min(cost, joined[cause.key])
                 found.append(self.finalist(extended, joint, cause, variant))
+                if len(joined) == most:
+                    break
         if passed and not found and instead is None:  # a round says what came nearest
             found = [self.finalist(extended, *min(passed, key=lambda row: charged(*row, settings)))]
         shown = self.open_causes([*accepted, *([] if instead is None else [instead])])

@@ -35,20 +35,19 @@ def from_usual(searcher: Searcher) -> Search:
 
     Where much stays beside them, both are tried, and the better is taken, or as good with fewer causes.
     """
-    searcher.progress("fitting all usual causes at once")
     try:
         usual = usual_causes(searcher)
     except NUMERICAL as error:
         searcher.progress(f"the fit of all usual causes failed numerically ({type(error).__name__}: {error})")
         return searcher.run()
-    if len(usual.forms) < SEVERAL:
+    if usual is None or len(usual.forms) < SEVERAL:
         return searcher.run()
     found = searcher.run(usual)
-    if found.accepted and not searcher.excess(found.fits) > searcher.settings.open_excess:
+    if not found.accepted or not searcher.excess(found.fits) > searcher.settings.open_excess:
         return found
     other = replace(searcher).run()
-    if not (other.accepted and found.accepted):
-        return found if found.accepted else other
+    if not other.accepted:
+        return found
     (here, used), (there, needed) = _worth(searcher, found), _worth(searcher, other)
     alike = abs(there - here) <= searcher.settings.shared_error * max(here, there, float(searcher.counts.sum()))
     return other if (needed < used if alike else there < here) else found

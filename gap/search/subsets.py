@@ -25,6 +25,7 @@ OF_EACH_SIZE = 2  # subsets that are fitted
 ITERATIONS = 6  # of a fit that begins near where it ends
 ROUNDS = 3
 RIDGE = 1e-4  # of the charge of a parameter, for numbers that the data do not show
+HOLD = 1e9  # of the same, for numbers that a bound keeps where they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class Choice:
         return merge(self.tuned, *(variant for _, variant in forms))
 
     def subset(self, forms: Forms, fitted: Fit) -> Subset:
-        """Causes with their fit; costs below that of the noise are not told apart."""
+        """Causes with their fit; the charge is a share of the cost, at least of that of the noise."""
         price = self.charge * max(fitted.cost, 1.0) * sum(flexibility(*form) for form in forms)
         return Subset(forms, fitted, fitted.cost + price)
 
@@ -100,7 +101,7 @@ def best_subset(choice: Choice, full: Fit) -> Subset:
     """
     known: dict[frozenset[str], Subset] = {}
     choice = _acting(choice, full)
-    best, here = choice.subset(choice.forms, full), full
+    best, here = choice.subset(choice.forms, full), replace(full, values={**neutral(choice), **full.values})
     for _ in range(ROUNDS):
         for forms, promise in _foreseen(choice, here):
             keys = keys_of(forms)
@@ -110,21 +111,21 @@ def best_subset(choice: Choice, full: Fit) -> Subset:
         last, best = best, min((best, *known.values()), key=lambda one: one.charged)
         if best.keys == last.keys:
             break
-        here = Fit({**_nothing(choice), **best.fit.values}, best.fit.simulated, best.fit.cost)
+        here = replace(best.fit, values={**neutral(choice), **best.fit.values})
     return best
 
 
 def _acting(choice: Choice, full: Fit) -> Choice:
     """The causes without which a replay is another: a stop that is nowhere met has no slope, or a false one."""
-    nothing = _nothing(choice)
-    back = [{**full.values, **{p.path: nothing[p.path] for p in variant}} for _, variant in choice.forms]
+    still = neutral(choice)
+    back = [{**full.values, **{p.path: still[p.path] for p in variant}} for _, variant in choice.forms]
     same = (
         [np.array_equal(row, full.simulated, equal_nan=True) for row in choice.problem.simulate(back)] if back else []
     )
     return replace(choice, forms=tuple(form for form, idle in zip(choice.forms, same, strict=True) if not idle))
 
 
-def _nothing(choice: Choice) -> dict[str, float]:
+def neutral(choice: Choice) -> dict[str, float]:
     """Values at which no cause does anything, as near as the bounds let them."""
     return {p.path: p.from_fit(_neutral(p, choice.nominal)) for p in choice.parameters(choice.forms)}
 
@@ -147,13 +148,20 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
     acts = np.zeros((len(choice.forms), len(parameters)), dtype=bool)
     for row, (_, variant) in zip(acts, choice.forms, strict=True):
         row[[place[p.path] for p in variant]] = True
+    acts &= np.array([p.is_size for p in parameters])  # without a size, its shape changes nothing
     own = acts.any(axis=0)
     back = (np.array([_neutral(p, choice.nominal) for p in parameters]) - optimum)[own]
     covariance, acts = covariance[np.ix_(own, own)], acts[:, own]
+    known = {p.number: p for p in choice.tuned}
+    slack = np.array([_slack(p, known.get(p.number)) for p in parameters])[own]
+    slack /= choice.charge * max(here.cost, 1.0)
     chosen = np.array(list(itertools.product((False, True), repeat=len(choice.forms))), dtype=bool)
-    costs = np.concatenate([_without(covariance, back, some @ acts) for some in np.array_split(chosen, 64)]) + least
-    sizes = chosen @ np.array([flexibility(*form) for form in choice.forms])
-    charged = costs + choice.charge * max(here.cost, 1.0) * sizes
+    costs = (
+        np.concatenate([_without(covariance, slack, back, some @ acts) for some in np.array_split(chosen, 64)]) + least
+    )
+    flexible = chosen @ np.array([flexibility(*form) for form in choice.forms], dtype=float)
+    charged = costs + choice.charge * max(here.cost, 1.0) * flexible
+    sizes = chosen.sum(axis=1)
     order = np.argsort(charged, kind="stable")
     picked: list[tuple[Forms, float]] = []
     for size in range(int(sizes[order[0]]) + 2):
@@ -164,16 +172,24 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
     return picked
 
 
-def _without(covariance: np.ndarray, back: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def _slack(p: Parameter, tuned: Parameter | None) -> float:
+    """Squared half tolerance of a number that is also tuned, in the coordinate of a cause's; 0 if it is not."""
+    if tuned is None or p.path != tuned.path:
+        return 0.0
+    return (0.5 * (p.to_fit(tuned.high) - p.to_fit(tuned.low))) ** 2
+
+
+def _without(covariance: np.ndarray, slack: np.ndarray, back: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """By how much costs rise (s,) where the numbers that are not kept (s, q) are put back and all others follow.
 
     Args:
         covariance: inverse of the curvature (q, q).
+        slack: inverse of the curvature of what holds a number that is put back, 0 where nothing moves it (q,).
         back: from the optimum to where the numbers do nothing (q,).
         kept: numbers that stay free (s, q).
     """
     out = ~kept
-    systems = np.where(out[:, :, None] & out[:, None, :], covariance, np.eye(len(back)))
+    systems = np.where(out[:, :, None] & out[:, None, :], covariance + np.diag(slack), np.eye(len(back)))
     moves = np.where(out, back, 0.0)
     return (moves * np.linalg.solve(systems, moves[:, :, None])[:, :, 0]).sum(axis=1)
 
@@ -187,8 +203,7 @@ def _quadratic(choice: Choice, parameters: Sequence[Parameter], here: Fit) -> tu
     u = np.array([p.to_fit(here.values[p.path]) for p in parameters])
     low, high = (np.array([p.to_fit(end(p)) for p in parameters]) for end in (lambda p: p.low, lambda p: p.high))
     reach = np.array([p.difference for p in parameters])
-    up = np.where(u + reach <= high, reach, 0.0)
-    down = np.where((u - reach >= low) | (up == 0.0), reach, 0.0)
+    up, down = np.minimum(reach, high - u), np.minimum(reach, u - low)
 
     def errors(rows: np.ndarray) -> np.ndarray:
         values = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in rows]
@@ -199,13 +214,14 @@ def _quadratic(choice: Choice, parameters: Sequence[Parameter], here: Fit) -> tu
     jacobian = (sides[1 : 1 + count] - sides[1 + count :]) / (up + down)[:, None]
     weighted = jacobian * robust_weight(error) / error.size
     slope, curvature = weighted @ error, weighted @ jacobian.T
-    acts = {p.path for _, variant in choice.forms for p in variant}
-    for k, p in enumerate(parameters):
-        width = 0.5 * (high[k] - low[k])
-        curvature[k, k] += RIDGE * charge
-        if p.path not in acts:
-            slope[k] += charge * (u[k] - 0.5 * (low[k] + high[k])) / width**2
-            curvature[k, k] += charge / width**2
+    acting = {p.path for _, variant in choice.forms for p in variant}
+    held = np.array([p.path not in acting for p in parameters])
+    middle, width = 0.5 * (low + high), 0.5 * (high - low)
+    prior = np.where(held, charge / width**2, 0.0)
+    beyond = ~held & (((up == 0.0) & (slope < 0.0)) | ((down == 0.0) & (slope > 0.0)))  # its bound keeps it there
+    slope = np.where(beyond, 0.0, slope + prior * (u - middle))
+    curvature += np.diag(prior + RIDGE * charge + np.where(beyond, HOLD * charge, 0.0))
     covariance = np.linalg.inv(curvature)
     move = -covariance @ slope
-    return u + move, covariance, float(robust_loss(error).mean() + slope @ move)
+    cost = robust_loss(error).mean() + (prior * (u - middle) ** 2).sum()
+    return u + move, covariance, float(cost + slope @ move)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..causes.cause import Cause, Variant
+from ..log.progress import Milestone
 from . import decide
 from .fit import Fit, merge
 from .look import LOOKED_FOR, looked
@@ -17,7 +18,7 @@ from .record import RoundRecord, Step
 from .result import Round
 from .rounds import Rounds
 from .state import Found
-from .subsets import Choice, Forms, Subset, best_subset
+from .subsets import Choice, Forms, Subset, best_subset, neutral
 
 PLAY = "transmission.backlash"
 USUAL = (
@@ -28,16 +29,24 @@ USUAL = (
     "load.inertia",
     "sensor.offset",
 )
-"""Causes that every machine may have, less play, with which a replay takes several times as long."""
+"""Causes that every machine may have. Play is fitted apart: a replay with it takes several times as long."""
 
 
-def usual_causes(searcher: Rounds) -> Subset:
+def usual_causes(searcher: Rounds) -> Subset | None:
     """The usual causes that the log needs, with play only where they leave something without it.
 
     Args:
         searcher: of the joint.
+
+    Returns:
+        None where the log shows no more than the noise without them.
     """
     shown = [cause for cause in searcher.shown if cause.name in USUAL]
+    if not shown or decide.finished(
+        searcher.excess(searcher.fit_both(searcher.tuned, searcher.start)), searcher.settings
+    ):
+        return None
+    searcher.progress("fitting all usual causes at once")
     choice = _choice(searcher, tuple((cause, cause.variants[0]) for cause in shown))
     best = best_subset(choice, looked(choice.problem, choice.parameters(choice.forms), shown))
     play = next((cause for cause in searcher.shown if cause.name == PLAY), None)
@@ -72,9 +81,10 @@ def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> 
     """The best with play, in the best of its forms; motor and link then turn apart."""
     at_motor = tuple((cause, cause.at_motor or variant) for cause, variant in choice.forms)
     ways = [replace(choice, forms=(*at_motor, (play, variant))) for variant in play.variants]
-    full = [way.fitted(way.forms, usual.fit.values, searcher.settings.iterations) for way in ways]
-    best, way = min(zip(full, ways, strict=True), key=lambda pair: pair[0].charged)
-    return best_subset(way, best.fit)
+    full = [way.fitted(way.forms, {**neutral(way), **usual.fit.values}, searcher.settings.iterations) for way in ways]
+    one, way = min(zip(full, ways, strict=True), key=lambda pair: pair[0].charged)
+    best = best_subset(way, one.fit)
+    return best if PLAY in best.keys else usual
 
 
 def _accept(searcher: Rounds, found: Found, cause: Cause, variant: Variant, fitted: Fit) -> None:
@@ -89,8 +99,10 @@ def _accept(searcher: Rounds, found: Found, cause: Cause, variant: Variant, fitt
         searcher.counts, before.blocks, before.sampled, excess, excess, promise=excess,
         candidates=(candidate.evidence,), led=True,
     )  # fmt: skip
-    order, (candidate, *_) = searcher.standings(record, [candidate])
+    order, stands = searcher.standings(record, [candidate])  # nothing where the log contradicts it
     if decide.one_pays(record, order, settings, further=bool(found.accepted)):
+        candidate = stands[0]
+        searcher.progress(Milestone(f"found {cause.key} (removes {100 * candidate.gain:.0f} % of what was left)"))
         found.accepted.append(candidate)
         found.rounds.append(Round(record.before, (candidate,), True, excess))
         found.steps.append(Step(record, cause.key))

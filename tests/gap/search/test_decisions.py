@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.gap.search import seek
+from sealegs.gap.search import seek, usual
 from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, rivals_of, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
 from sealegs.gap.search.seek import from_usual
@@ -299,15 +299,15 @@ def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("usual", "left", "again"), [(1, 6.0, True), (3, 0.5, False), (3, 6.0, True)], ids=["one", "little", "much"]
+    ("causes", "left", "again"), [(1, 6.0, True), (3, 0.5, False), (3, 6.0, True)], ids=["one", "little", "much"]
 )
 def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_or_leave_much(
-    usual: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
+    causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A resistance stood for a heavier rotor, a late bus and a payload."""
     monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
     monkeypatch.setattr(seek, "charged", lambda searcher, found: found.loss)
-    monkeypatch.setattr(seek, "usual_causes", lambda searcher: SimpleNamespace(forms=range(usual)))
+    monkeypatch.setattr(seek, "usual_causes", lambda searcher: SimpleNamespace(forms=range(causes)))
     monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
     plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
     begun: Any = SimpleNamespace(accepted=[1, 2, 3], loss=13000.0, **plain)
@@ -324,6 +324,24 @@ def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_o
     taken = from_usual(searcher)
     assert (True in asked) == again
     assert (taken is other) == again  # it fits as well, with fewer causes
+
+
+def test_a_usual_cause_that_the_log_contradicts_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stop that nothing pushes the joint on to has no standing at all."""
+    gone = SimpleNamespace(evidence=evidence("contact.blocked", 0.5, contradicted=1.0))
+    cause: Any = SimpleNamespace(key="contact.blocked")
+    judged = SimpleNamespace(blocks=BEFORE, sampled=1.0, fits=None)
+    searcher: Any = SimpleNamespace(
+        settings=DEFAULT, counts=COUNTS, excess=lambda fits: 1.0, fit_both=lambda *of: None,
+        judged=lambda fits: judged, parameters=lambda accepted: [], candidate=lambda *of: gone,
+        standings=lambda record, fitted: (standings(record, DEFAULT, 0), []),
+    )  # fmt: skip
+    choice = SimpleNamespace(fitted=lambda forms, values: SimpleNamespace(fit=SimpleNamespace(cost=1.0)))
+    monkeypatch.setattr(usual, "_choice", lambda searcher, forms: choice)
+    found: Any = SimpleNamespace(current=judged, accepted=[])
+    begun: Any = SimpleNamespace(forms=((cause, ()),), fit=SimpleNamespace(values={}))
+    usual.begin_with(searcher, found, begun)
+    assert not found.accepted
 
 
 def test_a_search_begins_with_nothing_where_the_fit_of_all_usual_causes_fails(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.gap.causes.cause import Cause
-from sealegs.gap.replay.parameters import Parameter
+from sealegs.gap.replay.parameters import Parameter, factor
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.subsets import Choice, Forms, best_subset
 
@@ -59,3 +59,26 @@ def test_of_no_causes_none_are_chosen() -> None:
     tuned = [Parameter("load.n0", "1", -4.0, 4.0, 0.0, 0.5)]
     found = best_subset(Choice(problem, tuned, (), NOTHING, charge=0.02), fit(problem, tuned))
     assert found.keys == frozenset() and set(found.fit.values) == {"load.n0"}
+
+
+def fitted_with(truth: Mapping[int, float], tuned: Sequence[Parameter], numbers: Sequence[Parameter]) -> set[str]:
+    """Causes that are found beside tuned numbers."""
+    problem: Any = Bent(truth)
+    forms: Forms = tuple((Cause("", "", ((p,),), error=True, name=p.number), (p,)) for p in numbers)
+    choice = Choice(problem, tuned, forms, NOTHING, charge=0.02)
+    return set(best_subset(choice, fit(problem, choice.parameters(forms))).keys)
+
+
+def test_a_number_within_its_tolerance_is_no_cause_beside_another() -> None:
+    """It was foreseen at exactly what is believed, where the fit without it turns it as it is tuned."""
+    wide, tight = (Parameter("load.n3", "1", -ends, ends, 0.0, 0.5) for ends in (4.0, 0.3))
+    cause = Parameter("load.n1", "1", -4.0, 4.0, 0.0, 0.5)
+    assert fitted_with({1: 1.0, 3: 0.25}, [tight], [wide, cause]) == {"load.n1"}
+    assert fitted_with({1: 1.0, 3: 1.0}, [tight], [wide, cause]) == {"load.n1", "load.n3"}
+
+
+def test_a_cause_that_changes_nothing_leaves_its_number_to_be_tuned() -> None:
+    """A delay within a sample did nothing, and its tuned factor was then asked for where no fit had turned it."""
+    idle = Parameter("load.n5", "1", -4.0, 4.0, 0.0, 0.5)
+    cause = Parameter("load.n1", "1", -4.0, 4.0, 0.0, 0.5)
+    assert fitted_with({1: 1.0}, [factor("load.n5", 0.9, 1.1)], [idle, cause]) == {"load.n1"}
