@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from . import decide
 from .changed import with_changed_numbers
 from .forward import NUMERICAL, Searcher
 from .led import search_led
@@ -33,7 +34,7 @@ def _ways(searcher: Searcher) -> tuple[Search, ...]:
 def from_usual(searcher: Searcher) -> Search:
     """What is found beginning with the usual causes that the log needs, where they are several; else from nothing.
 
-    Where much stays beside them, both are tried, and the better is taken, or as good with fewer causes.
+    Where these alone leave more than the noise, both are tried, and the better is taken, or as good with fewer causes.
     """
     try:
         usual = usual_causes(searcher)
@@ -43,7 +44,9 @@ def from_usual(searcher: Searcher) -> Search:
     if usual is None or len(usual.forms) < SEVERAL:
         return searcher.run()
     found = searcher.run(usual)
-    if not found.accepted or not searcher.excess(found.fits) > searcher.settings.open_excess:
+    explained = decide.finished(usual.fit.cost - 1.0, searcher.settings)
+    much = searcher.excess(found.fits) > searcher.settings.open_excess
+    if not found.accepted or (explained and not much):
         return found
     other = replace(searcher).run()
     if not other.accepted:

@@ -299,15 +299,16 @@ def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("causes", "left", "again"), [(1, 6.0, True), (3, 0.5, False), (3, 6.0, True)], ids=["one", "little", "much"]
+    ("causes", "left", "again"), [(1, 0.5, True), (3, 0.01, False), (3, 0.5, True)], ids=["one", "none", "some"]
 )
-def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_or_leave_much(
+def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_or_leave_some(
     causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A resistance stood for a heavier rotor, a late bus and a payload."""
     monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
     monkeypatch.setattr(seek, "charged", lambda searcher, found: found.loss)
-    monkeypatch.setattr(seek, "usual_causes", lambda searcher: SimpleNamespace(forms=range(causes)))
+    alone: Any = SimpleNamespace(forms=range(causes), fit=SimpleNamespace(cost=1.0 + left))
+    monkeypatch.setattr(seek, "usual_causes", lambda searcher: alone)
     monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
     plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
     begun: Any = SimpleNamespace(accepted=[1, 2, 3], loss=13000.0, **plain)
@@ -319,7 +320,7 @@ def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_o
         return other if usual is None else begun
 
     searcher: Any = SimpleNamespace(
-        settings=DEFAULT, excess=lambda fits: left, progress=lambda text: None, run=run, counts=COUNTS
+        settings=DEFAULT, excess=lambda fits: 0.0, progress=lambda text: None, run=run, counts=COUNTS
     )
     taken = from_usual(searcher)
     assert (True in asked) == again
