@@ -482,5 +482,5 @@ def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp
     goals = read_replay(tmp_path / "run.csv", simulation.robot)
     assert goals.duration == pytest.approx(run.time[-1] - run.time[0], abs=0.02)
     policy: Any = SimpleNamespace(history=[])
-    compared = recorded(tmp_path / "run.csv", policy)
+    compared = recorded(tmp_path / "run.csv", policy, simulation.robot)
     assert len(compared.time) == (~lost).sum() and np.isfinite(compared.base).all()
