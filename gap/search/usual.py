@@ -81,7 +81,8 @@ def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> 
     """The best with play, in the best of its forms; motor and link then turn apart."""
     at_motor = tuple((cause, cause.at_motor or variant) for cause, variant in choice.forms)
     ways = [replace(choice, forms=(*at_motor, (play, variant))) for variant in play.variants]
-    full = [way.fitted(way.forms, {**neutral(way), **usual.fit.values}, searcher.settings.iterations) for way in ways]
+    start = {**neutral(replace(choice, forms=at_motor)), **usual.fit.values}  # of play, where its form begins
+    full = [way.fitted(way.forms, start, searcher.settings.iterations) for way in ways]
     one, way = min(zip(full, ways, strict=True), key=lambda pair: pair[0].charged)
     best = best_subset(way, one.fit)
     return best if PLAY in best.keys else usual
