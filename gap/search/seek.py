@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from . import decide
 from .changed import with_changed_numbers
 from .forward import NUMERICAL, Searcher
 from .led import search_led
@@ -32,9 +31,9 @@ def _ways(searcher: Searcher) -> tuple[Search, ...]:
 
 
 def from_usual(searcher: Searcher) -> Search:
-    """What is found beginning with the usual causes that the log needs, where they are several; else from nothing.
+    """What is found from nothing, or beginning with the usual causes that the log needs, where they are several.
 
-    Where these alone leave more than the noise, both are tried, and the better is taken, or as good with fewer causes.
+    The better is taken; of two as good, the one with fewer causes.
     """
     try:
         usual = usual_causes(searcher)
@@ -43,14 +42,9 @@ def from_usual(searcher: Searcher) -> Search:
         return searcher.run()
     if usual is None or len(usual.forms) < SEVERAL:
         return searcher.run()
-    found = searcher.run(usual)
-    explained = decide.finished(usual.fit.cost - 1.0, searcher.settings)
-    much = searcher.excess(found.fits) > searcher.settings.open_excess
-    if not found.accepted or (explained and not much):
-        return found
-    other = replace(searcher).run()
-    if not other.accepted:
-        return found
+    found, other = searcher.run(usual), replace(searcher).run()
+    if not (found.accepted and other.accepted):
+        return found if found.accepted else other
     (here, used), (there, needed) = _worth(searcher, found), _worth(searcher, other)
     alike = abs(there - here) <= searcher.settings.shared_error * max(here, there, float(searcher.counts.sum()))
     return other if (needed < used if alike else there < here) else found

@@ -299,32 +299,26 @@ def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("causes", "left", "again"), [(1, 0.5, True), (3, 0.01, False), (3, 0.5, True)], ids=["one", "none", "some"]
-)
-def test_a_search_begins_with_usual_causes_and_with_nothing_where_they_are_few_or_leave_some(
-    causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
+    ("causes", "loss", "begun_wins"), [(1, 9000.0, False), (3, 9000.0, True), (3, 13000.0, False)],
+    ids=["one", "better", "alike with more"],
+)  # fmt: skip
+def test_a_search_begins_with_usual_causes_and_with_nothing_and_the_better_stands(
+    causes: int, loss: float, begun_wins: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A resistance stood for a heavier rotor, a late bus and a payload."""
     monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
     monkeypatch.setattr(seek, "charged", lambda searcher, found: found.loss)
-    alone: Any = SimpleNamespace(forms=range(causes), fit=SimpleNamespace(cost=1.0 + left))
-    monkeypatch.setattr(seek, "usual_causes", lambda searcher: alone)
+    monkeypatch.setattr(seek, "usual_causes", lambda searcher: SimpleNamespace(forms=range(causes)))
     monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
     plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
-    begun: Any = SimpleNamespace(accepted=[1, 2, 3], loss=13000.0, **plain)
+    begun: Any = SimpleNamespace(accepted=[1, 2, 3], loss=loss, **plain)
     other: Any = SimpleNamespace(accepted=[1, 2], loss=13010.0, **plain)
-    asked: list[bool] = []
 
     def run(usual: object = None) -> object:
-        asked.append(usual is None)
         return other if usual is None else begun
 
-    searcher: Any = SimpleNamespace(
-        settings=DEFAULT, excess=lambda fits: 0.0, progress=lambda text: None, run=run, counts=COUNTS
-    )
-    taken = from_usual(searcher)
-    assert (True in asked) == again
-    assert (taken is other) == again  # it fits as well, with fewer causes
+    searcher: Any = SimpleNamespace(settings=DEFAULT, progress=lambda text: None, run=run, counts=COUNTS)
+    assert from_usual(searcher) is (begun if begun_wins else other)
 
 
 def test_a_usual_cause_that_the_log_contradicts_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
