@@ -29,7 +29,8 @@ USUAL = (
     "load.inertia",
     "sensor.offset",
 )
-"""Causes that every machine may have. Play is fitted apart: a replay with it takes several times as long."""
+"""Causes that every machine may have; stops count where they were read off the log. Play is fitted apart: a replay with
+it takes several times as long."""
 
 
 def usual_causes(searcher: Rounds) -> Subset | None:
@@ -41,7 +42,7 @@ def usual_causes(searcher: Rounds) -> Subset | None:
     Returns:
         None where the log shows no more than the noise without them.
     """
-    shown = [cause for cause in searcher.shown if cause.name in USUAL]
+    shown = [cause for cause in searcher.shown if cause.name in USUAL and (cause.seen or not cause.at_stops)]
     if not shown or decide.finished(
         searcher.excess(searcher.fit_both(searcher.tuned, searcher.start)), searcher.settings
     ):
