@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.gap.search import seek, usual
+from sealegs.gap.search import seek
 from sealegs.gap.search.decide import Standing, decide, hopeless, in_place, pays, rivals_of, standings
 from sealegs.gap.search.record import Evidence, RoundRecord, SearchRecord, Step, from_dict, load, save, to_dict
-from sealegs.gap.search.seek import from_usual
+from sealegs.gap.search.seek import without_the_first
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
 
@@ -299,52 +299,29 @@ def test_causes_that_fit_alike_below_the_noise_are_not_told_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("causes", "loss", "begun_wins"), [(1, 9000.0, False), (3, 9000.0, True), (3, 13000.0, False)],
-    ids=["one", "better", "alike with more"],
-)  # fmt: skip
-def test_a_search_begins_with_usual_causes_and_with_nothing_and_the_better_stands(
-    causes: int, loss: float, begun_wins: bool, monkeypatch: pytest.MonkeyPatch
+    ("causes", "left", "again"), [(3, 0.5, False), (3, 6.0, True), (1, 6.0, True)], ids=["little", "three", "one"]
+)
+def test_what_leaves_much_is_sought_again_without_the_first(
+    causes: int, left: float, again: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A resistance stood for a heavier rotor, a late bus and a payload."""
+    asked: list[str] = []
     monkeypatch.setattr(seek, "replace", lambda found, **changes: found)
     monkeypatch.setattr(seek, "charged", lambda searcher, found: found.loss)
-    monkeypatch.setattr(seek, "usual_causes", lambda searcher: SimpleNamespace(forms=range(causes)))
-    monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
+    accepted = [SimpleNamespace(cause=SimpleNamespace(key=name)) for name in ("resistance", "coulomb", "scale")]
     plain: dict[str, Any] = {"record": SearchRecord(0, ()), "fits": None, "loose": False, "settings": DEFAULT}
-    begun: Any = SimpleNamespace(accepted=[1, 2, 3], loss=loss, **plain)
-    other: Any = SimpleNamespace(accepted=[1, 2], loss=13010.0, **plain)
-
-    def run(usual: object = None) -> object:
-        return other if usual is None else begun
-
-    searcher: Any = SimpleNamespace(settings=DEFAULT, progress=lambda text: None, run=run, counts=COUNTS)
-    assert from_usual(searcher) is (begun if begun_wins else other)
-
-
-def test_a_usual_cause_that_the_log_contradicts_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stop that nothing pushes the joint on to has no standing at all."""
-    gone = SimpleNamespace(evidence=evidence("contact.blocked", 0.5, contradicted=1.0))
-    cause: Any = SimpleNamespace(key="contact.blocked")
-    judged = SimpleNamespace(blocks=BEFORE, sampled=1.0, fits=None)
+    found: Any = SimpleNamespace(accepted=accepted[:causes], loss=13000.0, **plain)
+    other: Any = SimpleNamespace(accepted=accepted[:2], loss=13010.0, **plain)
     searcher: Any = SimpleNamespace(
-        settings=DEFAULT, counts=COUNTS, excess=lambda fits: 1.0, fit_both=lambda *of: None,
-        judged=lambda fits: judged, parameters=lambda accepted: [], candidate=lambda *of: gone,
-        standings=lambda record, fitted: (standings(record, DEFAULT, 0), []),
-    )  # fmt: skip
-    choice = SimpleNamespace(fitted=lambda forms, values: SimpleNamespace(fit=SimpleNamespace(cost=1.0)))
-    monkeypatch.setattr(usual, "_choice", lambda searcher, forms: choice)
-    found: Any = SimpleNamespace(current=judged, accepted=[])
-    begun: Any = SimpleNamespace(forms=((cause, ()),), fit=SimpleNamespace(values={}))
-    usual.begin_with(searcher, found, begun)
-    assert not found.accepted
-
-
-def test_a_search_begins_with_nothing_where_the_fit_of_all_usual_causes_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(searcher: object) -> None:
-        raise np.linalg.LinAlgError("singular")
-
-    monkeypatch.setattr(seek, "usual_causes", fails)
-    said: list[str] = []
-    searcher: Any = SimpleNamespace(progress=said.append, run=lambda: "from nothing")
-    assert from_usual(searcher) == "from nothing"
-    assert "singular" in said[-1]
+        settings=DEFAULT,
+        excess=lambda fits: left,
+        progress=asked.append,
+        considered=(),
+        run=lambda: other,
+        counts=COUNTS,
+    )
+    monkeypatch.setattr(seek, "search_tied", lambda searcher, found: found)
+    monkeypatch.setattr(seek, "leaves_tie", lambda searcher, found: False)
+    taken = without_the_first(searcher, found)
+    assert bool(asked) == again
+    assert (taken is other) == (again and causes == 3)  # it fits as well, with fewer causes
