@@ -153,7 +153,7 @@ def table(found: Mapping[str, Any]) -> str:
         ]
         lines += [
             f"| {name} | {row['joints']} | {row['mass']:.1f} | {row['height']:.2f} | {row['steps']:,} | "
-            f"{_cell(row['gait'])} | {_cell(row['policy'])} |"
+            f"{cell(row['gait'])} | {cell(row['policy'])} |"
             for name, row in robots.items()
         ]
         lines.append("")
@@ -168,7 +168,7 @@ def table(found: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _cell(row: Mapping[str, float]) -> str:
+def cell(row: Mapping[str, float]) -> str:
     """Falls, speed and turn of a walker."""
     return ", ".join([f"{row['falls']:.0f}", *(f"{100 * row[key]:.0f} %" for key in ("speed", "turn"))])
 

@@ -212,7 +212,10 @@ class Aligned:
         mujoco.mj_differentiatePos(model, qvel, float(run.time[row + 1] - run.time[row - 1]), before, after)
         mujoco.mj_resetData(model, data)
         if self._base is not None:
-            self._base.move(here, qvel, None if run.turned is None else run.turned.at(run.time[row : row + 1])[1][0])
+            known = None if run.turned is None else run.turned.at(run.time[row : row + 1])
+            turn, turn_rate = (None, None) if known is None else (known[0][0], known[1][0])
+            self._base.put(here, turn)
+            self._base.move(here, qvel, turn_rate)
         data.qpos[:], data.qvel[:] = here, qvel
         for joint, name in enumerate(self._machine.names):
             data.ctrl[self._machine.drivetrain.actuator_ids[name]] = run.goal[row - 1, joint]
@@ -229,10 +232,7 @@ class Aligned:
         for _ in range(2):  # a coordinate of two joints needs the other's place
             for k, name in enumerate(machine.names):
                 machine.drivetrain.set_position(name, qpos, run.position[row, k], link[k])
-        qpos = self._closed(qpos) if machine.model.neq else qpos
-        if self._base is not None:
-            self._base.put(qpos, None if run.turned is None else run.turned.at(run.time[row : row + 1])[0][0])
-        return qpos
+        return self._closed(qpos) if machine.model.neq else qpos
 
     def _closed(self, qpos: np.ndarray) -> np.ndarray:
         """The mechanism's loops closed by the joints that are neither driven nor measured."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from benchmarks import hidden, hidden_arm, hidden_hopper, hidden_report, hidden_wide, next_experiment
 from benchmarks.hidden_report import share
+from benchmarks.walking import cell
 
 from .papers import robots
 from .papers import tables as paper_tables
@@ -301,13 +302,10 @@ def policies() -> dict[str, Any]:
 
 def on_legs() -> str:
     """Public robots that learned to walk, each beside its reference gait."""
-    rows = []
-    for name, row in numbers("walking")["robots"].items():
-        each = (
-            f"{row[key]['falls']}, {100 * row[key]['speed']:.0f} %, {100 * row[key]['turn']:.0f} %"
-            for key in ("gait", "policy")
-        )
-        rows.append((name, str(row["joints"]), f"{row['mass']:.1f}", f"{row['steps']:,}", *each))
+    rows = [
+        (name, str(row["joints"]), f"{row['mass']:.1f}", f"{row['steps']:,}", cell(row["gait"]), cell(row["policy"]))
+        for name, row in numbers("walking")["robots"].items()
+    ]
     return table(("robot", "joints", "mass [kg]", "steps learned", "its gait alone", "policy"), rows)
 
 
