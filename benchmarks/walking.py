@@ -143,7 +143,7 @@ def table(found: Mapping[str, Any]) -> str:
         lines.append("")
     if robots := found.get("robots"):
         lines += [
-            "## Policies of public robots",
+            "## Policies beside their gait",
             "",
             "Each beside its reference alone, under pushes of up to 0.4 m/s every 2 to 4 s: falls, errors of speed and "
             "turn. `python -m benchmarks.walking --robots runs/<run>/final ...`",

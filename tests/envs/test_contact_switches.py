@@ -52,12 +52,28 @@ def test_a_policy_observes_switches_as_late_as_delay_and_rate_say(tmp_path: Path
     assert np.argmin(off) == 2 and off[2] < 0.3 * min(off[1], off[3])
 
 
+def test_the_quadruped_of_the_collection_feels_its_feet_take_turns_in_its_gait() -> None:
+    task = WalkTask.on("quadruped")(switches=True, forward=0.2, sideways=0.0, turn=0.0, stand_share=0.0, cadence=2.0)
+    names = ("front_left", "front_right", "rear_left", "rear_right")
+    assert task.observation_names()[-4:] == tuple(f"contact switch {name} [-]" for name in names)
+    engine = BatchEngine(task, 4, autoreset=False)
+    engine.seed(0)
+    seen = [engine.reset()]
+    seen += [engine.step(np.zeros((4, 12))).observation for _ in range(150)]
+    closed = np.array(seen[50:], float)[..., -4:]
+    assert set(np.unique(closed)) == {0.0, 1.0}
+    assert (closed.sum(axis=-1) >= 1.0).mean() > 0.95, "it does not jump"
+    alike = np.corrcoef(closed.reshape(-1, 4).T)
+    assert alike[0, 3] > 0.1 and alike[1, 2] > 0.1, "feet across swing together"
+    assert alike[0, 1] < -0.2 and alike[2, 3] < -0.5, "and in turn with those beside them"
+
+
 def test_walking_takes_switches_only_where_it_is_asked_for_and_the_robot_has_them(tmp_path: Path) -> None:
     robot = switched(tmp_path)
     assert WalkTask.on(robot)(switches=True).observation_names()[-1] == "contact switch hr_foot [-]"
     assert not any("switch" in name for name in WalkTask.on(robot)().observation_names())
-    with pytest.raises(SealegsError, match=r"'quadruped' has no contact switches to observe .* imu: \{switches: "):
-        sealegs.make_env("walk", switches=True)
+    with pytest.raises(SealegsError, match=r"'small_biped' has no contact switches to observe .* imu: \{switches: "):
+        sealegs.make_env("walk", robot="small_biped", switches=True)
     with pytest.raises(SealegsError, match="switches takes true or false, not 1"):
         sealegs.make_env("walk", switches=1)
 

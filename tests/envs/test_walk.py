@@ -312,12 +312,13 @@ def test_bodies_that_are_fixed_to_each_other_touch_as_one(tmp_path: Path) -> Non
     """A foot that is a body of its own, fixed to a shank that touches beside it, was two feet."""
     file = get_robot("quadruped").file
     assert file is not None
-    shape = '<geom class="foot" pos="0 0 -0.095"/>'
-    foot = f'<body name="{{}}" pos="0 0 0">{shape}</body>{shape}'
     text = file.model.path.read_text()
     for name in FEET:
-        before, after = text.split(f'"{name}"', 1)
-        text = f'{before}"{name}"{after.replace(shape, foot.format(name.replace("shank", "toe")), 1)}'
+        leg = name.removesuffix("_shank")
+        shape = f'<geom name="{leg}_foot" class="foot" pos="0 0 -0.095"/>'
+        assert shape in text
+        more = shape.replace("_foot", "_toe")
+        text = text.replace(shape, f'<body name="{leg}_toe" pos="0 0 0">{more}</body>{shape}')
     (tmp_path / "quadruped.xml").write_text(text)
     (tmp_path / "quadruped.yaml").write_text(file.path.read_text())
     engine = BatchEngine(WalkTask.on(tmp_path / "quadruped.yaml")(), 2, autoreset=False)

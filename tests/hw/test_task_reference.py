@@ -29,7 +29,7 @@ def test_a_quadruped_walks_on_its_gait_under_the_guard_and_into_a_log(tmp_path: 
     goals = np.stack([joint.goal for joint in run.joints.values() if joint.goal is not None], axis=1)
     assert goals.shape == (50, 12) and np.ptp(goals, axis=0).max() > 0.2, "its legs swing"
     np.testing.assert_allclose(goals[:24], goals[25:49], atol=2e-2)  # twice in a second
-    assert {"imu.w", "imu.turn_x"} <= set(run.base)
+    assert {"imu.w", "imu.turn_x", "switch.front_left", "switch.rear_right"} <= set(run.base)
 
 
 def test_a_trajectory_of_track_leads_by_what_the_servos_are_late() -> None:
