@@ -87,8 +87,7 @@ def _handed_over(case: Drawn, data: Any, found: Sequence[Any], folder: Path) -> 
     its bodies [kg].
     """
     from sealegs.gap.finder.diagnosis import prepared
-    from sealegs.gap.output.hand_over import hand_over
-    from sealegs.gap.output.whole import confirm_whole
+    from sealegs.gap.output.hand_over import confirm_whole, hand_over
     from sealegs.gap.prepare.request import Request
 
     from testbed.logs import hidden_everyday

@@ -83,9 +83,8 @@ def diagnose_one(
 
     from ..gap.fleet.jobs import diagnose_folder
     from ..gap.log.progress import Milestone
-    from ..gap.output.next_step import next_step
     from ..gap.output.partial import alone, source_of, unfinished
-    from ..gap.output.terminal import screen, told_once
+    from ..gap.output.terminal import next_step, screen, told_once
     from ..gap.verdict.verdict import UNUSABLE
 
     if out is None:

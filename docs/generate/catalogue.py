@@ -8,8 +8,7 @@ from pathlib import Path
 from sealegs.actuators import load_chain
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.causes.catalogue import catalogue
-from sealegs.gap.causes.cause import Cause, Needs
-from sealegs.gap.causes.registry import ROBOT
+from sealegs.gap.causes.cause import ROBOT, Cause, Needs
 from sealegs.gap.ground.leg_ground import contact_causes
 from sealegs.gap.ground.leg_model import LegModel
 from sealegs.gap.replay.joint_model import JointModel

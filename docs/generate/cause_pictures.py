@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from PIL import Image
-from sealegs.gap.causes.registry import GROUND
+from sealegs.gap.causes.cause import GROUND
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.output.pictures import cause_pictures, png
 

@@ -3,8 +3,7 @@
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
 from . import catalogue
-from .cause import Cause, Ceiling, Limit, Needs
-from .registry import always, both, entry, has, has_any, lacks, number, stall_torque
+from .cause import Cause, Ceiling, Limit, Needs, always, both, entry, has, has_any, lacks, number, stall_torque
 
 __all__ = [
     "Cause",

@@ -12,11 +12,10 @@ from ...common import plugins
 from ...common.errors import SealegsError, nearest
 from ..replay.joint_model import JointModel
 from ..replay.parameters import TIGHT, Parameter, Target, factor
-from . import contact, drive, friction, load, sensor, transmission
-from .cause import Cause
-from .registry import ENTRIES, GROUND, ROBOT, impedance
+from . import drive, friction, load, sensor, transmission
+from .cause import ENTRIES, GROUND, ROBOT, Cause, impedance
 
-FAMILIES = (friction, drive, transmission, load, contact, sensor)
+FAMILIES = (friction, drive, transmission, load, sensor)
 """Importing a family enters its causes, in this order."""
 
 

@@ -6,8 +6,22 @@ from dataclasses import replace
 
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
-from .cause import Cause, Ceiling, Limit, Needs
-from .registry import alone, both, entry, follows_goals, follows_positions, has, has_any, impedance, lacks, stall_torque
+from .cause import (
+    Cause,
+    Ceiling,
+    Limit,
+    Needs,
+    alone,
+    both,
+    entry,
+    follows_goals,
+    follows_positions,
+    has,
+    has_any,
+    impedance,
+    lacks,
+    stall_torque,
+)
 
 PER_COMMAND = Parameter("scale.factor", "1", 0.3, 3.0, 1.0, 0.1, logarithmic=True)
 LOOPS = ("position_p", "position_pd", "position_pi")

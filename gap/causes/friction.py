@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from .cause import Cause, Limit, Needs
-from .registry import alone, entry, number, stall_torque
+from .cause import Cause, Limit, Needs, alone, entry, number, stall_torque
 
 SHOWN = Needs(torque=True)  # along a prescribed motion, friction is in the torque alone
 RIPPLE_COUNTS = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 16, 18, 20, 24)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter
-from .cause import Cause, Limit
-from .registry import alone, entry
+from .cause import Cause, Limit, alone, entry
 
 
 @entry("sensor.offset")

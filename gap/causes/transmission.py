@@ -5,8 +5,7 @@ from __future__ import annotations
 from ...actuators.mounting import coupling_element
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Parameter, factor
-from .cause import Cause, Limit, Needs, Variant
-from .registry import entry, has, lacks, stall_torque
+from .cause import Cause, Limit, Needs, Variant, entry, has, lacks, stall_torque
 
 APART = Needs(free_motor=True)  # from a motor that is moved as its link was, nothing between them shows
 

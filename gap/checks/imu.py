@@ -16,9 +16,8 @@ from ...envs.engine.imu import COLUMNS
 from ..log.finding import Finding
 from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
-from .bootstrap import BLOCK_SECONDS, BOOTSTRAP_DRAWS
 from .columns import LAG_TOLERANCE
-from .signal import LAG_STEP, OTHER_ERROR_RATIO, same_unit
+from .signal import BLOCK_SECONDS, BOOTSTRAP_DRAWS, LAG_STEP, OTHER_ERROR_RATIO, same_unit
 
 IMU = "imu"
 RATE_HALF_WINDOW = 2.0 * SPEED_REACH

@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..log.types import Array
-from .bootstrap import BOOTSTRAP_DRAWS, NORMAL_OVER_MEDIAN, block_weights
+
+BOOTSTRAP_DRAWS = 300  # for an interval of a delay or shift
+BLOCK_SECONDS = 1.0  # [s] of the errors of an IMU, which are alike for shorter
+Z95 = NormalDist().inv_cdf(0.975)  # half of a 95 % interval of normal errors, in standard deviations
+NORMAL_OVER_MEDIAN = 1.0 / NormalDist().inv_cdf(0.75)  # standard deviation over the median size, of normal errors
+
+
+def block_weights(blocks: int, draws: int, rng: np.random.Generator) -> np.ndarray:
+    """How often each block is in each resampled data set (draws, blocks), of as many blocks as there are."""
+    return rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), draws)
+
 
 DERIVATIVE_WINDOW = 0.05
 """Length of the local polynomial fits [s]: short against servo motion, long against encoder noise."""

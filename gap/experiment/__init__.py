@@ -2,8 +2,7 @@
 
 from .detection import DetectionLimit, blind_spots, detection_limits, experiment_for_still, unseen
 from .excitations import EXCITATION_SECONDS, GOAL_RATE, Limits, default_limits, library
-from .files import goal_table, read_goals, write_experiment
-from .proposal import Along, Experiment, propose
+from .proposal import Along, Experiment, goal_table, propose, read_goals, write_experiment
 
 __all__ = [
     "EXCITATION_SECONDS",

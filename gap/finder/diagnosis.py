@@ -11,7 +11,7 @@ from ...actuators.chain import Chain
 from ...common.bugs import Unforeseen, apart
 from ...common.errors import SealegsError
 from ..causes.catalogue import adjustable, catalogue, checked
-from ..causes.contact import with_stops
+from ..causes.load import with_stops
 from ..causes.unknown import with_believed_load
 from ..causes.visible import limits as limits_of_driven
 from ..causes.visible import shown
@@ -33,8 +33,7 @@ from ..measure.unseen import unseen_range
 from ..prepare.checking import check_log
 from ..prepare.columns import chosen, commanded
 from ..prepare.frames import DOUBTED, in_likely_frames
-from ..prepare.neighbours import with_neighbours
-from ..prepare.pieces import cut_joint, fit_runs, named_chain
+from ..prepare.pieces import cut_joint, fit_runs, named_chain, with_neighbours
 from ..prepare.request import Request
 from ..prepare.resting import without_rests
 from ..replay.driven import as_read, driven_problem
@@ -70,9 +69,9 @@ from ..verdict.verdict import (
     Refused,
     Replayed,
     data_errors,
+    recording_reasons,
     rivals_of,
 )
-from ..verdict.words import recording_reasons
 from .imu import beside, diagnose_imu
 from .parallel import side_by_side
 from .torque import replay_of_torque

@@ -11,7 +11,6 @@ from ...common.errors import SealegsError
 from ...envs.engine import turns
 from ...envs.engine.imu import Imu
 from ...envs.engine.robot import Robot
-from ..checks.bootstrap import BLOCK_SECONDS
 from ..checks.imu import (
     IMU,
     IMU_LAG_REACH,
@@ -24,6 +23,7 @@ from ..checks.imu import (
     smoothed,
     told_axes,
 )
+from ..checks.signal import BLOCK_SECONDS
 from ..ground.carried import carried
 from ..ground.tree_ground import robot_under
 from ..load.robot import Frame

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...common.atomic import written
-from ..checks.bootstrap import Z95
+from ..checks.signal import Z95
 from .jobs import Outcome
 
 COLUMNS: tuple[str, ...] = (

@@ -19,9 +19,8 @@ from ..search.fit import fit
 from ..search.forward import Searcher
 from ..search.result import Search
 from ..search.settings import DEFAULT, SearchSettings
-from .laid import Laid
 from .leg_ground import lay_leg
-from .problem import GroundProblem
+from .problem import GroundProblem, Laid
 from .tree_ground import lay_robot, stands
 
 GROUND = "ground"

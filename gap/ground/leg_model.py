@@ -99,7 +99,7 @@ class LegModel(Grounded):
 
         Args:
             plain: where the engine takes the moving ground's mass for a part of the contact, which makes it softer. It
-                always does, but in replays (:mod:`sealegs.gap.ground.leg_replay`) it is told not to.
+                always does, but in replays (:mod:`sealegs.gap.ground.leg_ground`) it is told not to.
         """
         stiffness = self.hardness / self.value("contact.time") ** 2
         return stiffness / (1.0 + 1.0 / (GROUND_MASS * self.inverse_mass)) if plain else stiffness

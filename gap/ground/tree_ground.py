@@ -20,12 +20,10 @@ from ..log.parts import held_out
 from ..log.progress import Progress
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, factor
-from .laid import CONTACT_TIME_FACTOR, MIN_PIECES, Laid, ground_causes, too_few
 from .pieces import ENGINE_STEP, PIECE_SECONDS
-from .problem import ground_problem
+from .problem import CONTACT_TIME_FACTOR, MIN_PIECES, Laid, ground_causes, ground_problem, too_few
 from .tree_model import TreeModel, base_joints, base_layout
-from .tree_pieces import BaseColumns, find_pieces
-from .tree_replay import TreeReplay
+from .tree_replay import BaseColumns, TreeReplay, find_pieces
 
 HEIGHT_ZERO_TOLERANCE = 0.02  # [m] how well the zero of the base's height is known: assumed, of a camera
 DAMPING_RATIO_FACTOR = 5.0  # factor on its damping ratio, which stands for none either

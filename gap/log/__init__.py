@@ -1,8 +1,7 @@
 """The measured log: types, reader and writer in one place to import from."""
 
-from .reader import iterate_runs, read_measured
+from .reader import iterate_runs, read_measured, write_run
 from .types import SIGNAL_UNITS, JointLog, LogError, MeasuredRun, MeasuredSet
-from .writer import write_run
 
 __all__ = [
     "SIGNAL_UNITS",

@@ -171,7 +171,7 @@ class MeasuredRun:
         meta: everything else the sidecar says (``group``, ``units``, ``sample_clock``, ...).
         host: ``host.*`` columns by the name after the dot, each of shape (n,).
         draws: by joint, what its drive draws from the supply at full voltage, and less of it for each volt that the
-            supply sags by (n, 2) [A, A/V]; nothing until it is worked out (:mod:`sealegs.gap.prepare.neighbours`).
+            supply sags by (n, 2) [A, A/V]; nothing until it is worked out (:mod:`sealegs.gap.prepare.pieces`).
         seen: by joint and path, numbers that a first look found; nothing until there was one.
     """
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..causes.catalogue import adjustable
 from ..causes.cause import Cause, Variant
-from ..causes.contact import STOPS, as_logged
+from ..causes.load import STOPS, as_logged
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.comparison import robust_loss
 from ..replay.parameters import Parameter, absolute

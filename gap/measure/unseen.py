@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..causes.cause import Variant
-from ..checks.bootstrap import block_weights
+from ..checks.signal import block_weights
 from ..log.finding import Finding
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.comparison import rms

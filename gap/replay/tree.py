@@ -16,8 +16,17 @@ from ...envs.engine.model_ties import Follower, followers_of, home_of
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_COUPLING, E_INERTIA, E_POSITION, E_SLOPE, T_DRAWN, T_OWN, T_SIZE, T_SPIN
-from ..load.tree import Motion, is_passive, least_payload, own_lever, passive_torques, terms_along, tip_behind, tip_mass
-from ..load.tree_load import TreeLoad
+from ..load.tree import (
+    Motion,
+    TreeLoad,
+    is_passive,
+    least_payload,
+    own_lever,
+    passive_torques,
+    terms_along,
+    tip_behind,
+    tip_mass,
+)
 from ..log.finding import Finding
 from ..log.types import MeasuredRun
 from .joint_model import Axis, JointModel

@@ -24,8 +24,7 @@ from ..search.forward import NUMERICAL
 from ..search.latency import AGREEING, DELAY, NUMBER, ROOM, Latency, agreeing, latency_of, mean_of
 from ..search.look import Look, look
 from ..search.structure import fine, listed
-from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Refused, Verdict
-from ..verdict.words import certainty, subject
+from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Refused, Verdict, certainty, subject
 
 SAG, RESISTANCE = "drive.supply_sag", "supply.resistance"
 SUPPLY_SENTENCE = "The supply that all joints draw from drops under their currents."

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..causes.cause import Cause
-from ..checks.bootstrap import block_weights
+from ..checks.signal import block_weights
 from ..replay.parameters import Parameter, about, absolute
 from .fit import merge, middle
 from .result import Candidate, Round, Search

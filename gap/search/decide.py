@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks.bootstrap import block_weights
+from ..checks.signal import block_weights
 from .record import TOGETHER, Evidence, RoundRecord, SearchRecord
 from .settings import SearchSettings
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks.bootstrap import block_weights
+from ..checks.signal import block_weights
 from ..replay.comparison import robust_weight
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..causes.cause import Cause
-from ..checks.bootstrap import block_weights
+from ..checks.signal import block_weights
 from ..replay.parameters import Parameter
 from ..replay.problem import periods_of
 from .delays import DELAY

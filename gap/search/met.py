@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..causes.contact import STOPS, as_logged
+from ..causes.load import STOPS, as_logged
 from ..checks.stops import STOP_FOLLOWING, follows
 from ..replay.parameters import Parameter
 from ..replay.problem import JointProblem

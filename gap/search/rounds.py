@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..causes.cause import Cause, Variant
-from ..checks.bootstrap import block_weights
+from ..checks.signal import block_weights
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..replay.comparison import robust_loss

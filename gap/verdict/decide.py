@@ -37,6 +37,7 @@ from .verdict import (
     NOT_IDENTIFIABLE,
     NOTHING,
     PARTLY,
+    TOLD_SHARE,
     UNUSABLE,
     WORST_FIRST,
     Evidence,
@@ -45,9 +46,6 @@ from .verdict import (
     Refused,
     Replayed,
     Verdict,
-)
-from .words import (
-    TOLD_SHARE,
     also,
     certainty,
     change,

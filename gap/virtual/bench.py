@@ -10,8 +10,8 @@ import numpy as np
 from ...actuators import Chain, load_chain
 from ...envs.bench.robot import NUMBERS
 from ..experiment import library
+from ..log.reader import write_run
 from ..log.types import JointLog, MeasuredRun
-from ..log.writer import write_run
 from ..replay.engine import bench, replay_in_engine
 from ..replay.joint_model import JointModel
 from ..replay.problem import largest_step

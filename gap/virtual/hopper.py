@@ -14,8 +14,8 @@ from ...actuators.layout import S_CURRENT, S_DUTY
 from ...envs.hopper.controller import BangBang, spring_stiffness
 from ...envs.hopper.robot import HIP, KNEE
 from ..ground.leg_model import GROUND_JOINT, LegModel
+from ..log.reader import write_run
 from ..log.types import JointLog, MeasuredRun
-from ..log.writer import write_run
 from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, address
 from .bench import CURRENT_STEP, ENCODER_NOISE, ENCODER_TICKS, ENGINE_STEP, SAMPLE_RATE, STAMP_JITTER

@@ -23,8 +23,8 @@ from sealegs.actuators.turning import apart
 from sealegs.common import plugins
 from sealegs.common.errors import SealegsError
 from sealegs.envs.robots import get_robot
-from sealegs.gap.causes.registry import ENTRIES
-from sealegs.gap.log.writer import write_run
+from sealegs.gap.causes.cause import ENTRIES
+from sealegs.gap.log.reader import write_run
 from sealegs.hw.bus.registers import load_model, model_names
 from sealegs.hw.machine.own_robot import own_robot
 

@@ -18,8 +18,7 @@ from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.contract import Contract, ContractError
 from sealegs.gap.checks.data_set import check_set, unusable
 from sealegs.gap.experiment import library
-from sealegs.gap.experiment.files import write_experiment
-from sealegs.gap.experiment.proposal import Experiment
+from sealegs.gap.experiment.proposal import Experiment, write_experiment
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
 from sealegs.hw.machine.limits import Limits
 from sealegs.hw.machine.robot import build_robot

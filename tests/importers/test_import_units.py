@@ -13,9 +13,8 @@ from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.units import run_in_model_units
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for
-from sealegs.gap.log.importers.expression import evaluate
+from sealegs.gap.log.importers.expression import evaluate, measure, unit_of
 from sealegs.gap.log.importers.names import said
-from sealegs.gap.log.importers.units import measure, unit_of
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
 from tests.importers.importing import ANGLE, DEG, LATE, RAD, TIME, asked, proposed, table

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import sealegs
 from sealegs.gap.causes.catalogue import checked
-from sealegs.gap.causes.registry import ENTRIES, GROUND
+from sealegs.gap.causes.cause import ENTRIES, GROUND
 from sealegs.gap.virtual.bench import record
 
 from docs.generate import catalogue as catalogue_page

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 from ..types import SIGNAL_UNITS
 from .dialects import Dialect, claimed
+from .expression import measures, unit_of
 from .names import Claim, is_a, said
 from .recording import Recording
-from .units import measures, unit_of
 
 ONLY_JOINT = "joint"
 """What a joint is called that nothing names, and a number without a name is of."""

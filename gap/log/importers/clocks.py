@@ -10,11 +10,10 @@ import numpy as np
 
 from ..reader import FASTEST_PERIOD, SLOWEST_PERIOD
 from ..types import Array
-from .expression import quoted
+from .expression import measures, quoted
 from .lines import ASK, LIKELY, SURE, Line
 from .names import Claim, said
 from .recording import MOST_OF_THEM, Recording
-from .units import measures
 
 FASTEST_USUAL_PERIOD = 1e-4  # [s] of the fastest logs that are usual
 SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -17,10 +17,9 @@ from ....common.documents import DocumentError, read_yaml
 from ....common.errors import nearest
 from ..sidecar import check_keys
 from ..types import SIGNAL_UNITS, LogError
-from .expression import evaluate, quoted, shows_sign
+from .expression import evaluate, quoted, shows_sign, unit_of
 from .names import Claim, said
 from .recording import Recording
-from .units import unit_of
 
 FOLDER = Path(__file__).resolve().parents[3] / "configs" / "dialect"
 GROUP = "sealegs.dialects"

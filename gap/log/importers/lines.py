@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from ..types import SIGNAL_UNITS, TURN_IN_UNITS, Array, LogError
-from .expression import names_in, quoted
+from .expression import TEMPERATURES, WORDS, measure, measures, names_in, quoted, unit_of
 from .motion import LONGEST_LAG, MOTION_WINDOW, Relation, encoder, move_apart, span, whole_numbers
 from .names import Claim, is_a, words_of
 from .recording import LARGEST_EXACT
-from .units import TEMPERATURES, WORDS, measure, measures, unit_of
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 POSITION = ("angle", "way")

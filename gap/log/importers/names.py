@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from ....common.documents import read_yaml
-from .units import ALONE, LIKE, TEMPERATURES, UNIT_OR_NAME, WORDS, like_a_unit, measure, measures, unit_of
+from .expression import ALONE, LIKE, TEMPERATURES, UNIT_OR_NAME, WORDS, like_a_unit, measure, measures, unit_of
 
 LOGGED = {
     "position": "goal",

@@ -15,7 +15,7 @@ from ..types import COMMANDS, TOLD, Array
 from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked, renamed
 from .clocks import find_clock
 from .dialects import Dialect, dialects
-from .expression import evaluate, hold, names_in, quoted
+from .expression import evaluate, hold, measures, names_in, quoted
 from .lines import (
     ACTIONS,
     ASK,
@@ -36,7 +36,6 @@ from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
 from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
-from .units import measures
 
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
 LARGEST_WRITTEN = 1e9

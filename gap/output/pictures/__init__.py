@@ -12,11 +12,17 @@ from matplotlib.figure import Figure
 from ...measure.named import NamedCause
 from ...verdict.verdict import JointDiagnosis
 from .drive import duty_against_error, residual_against_temperature, response, voltage_against_current
-from .errors import signature_pictures, stance
 from .evidence import Evidence
 from .first_look import first_look, overview
-from .friction import friction_against_speed, residual_against_load, residual_against_position
-from .transmission import error_since_reversal, hysteresis, passed_torque
+from .timeline import signature_pictures, stance
+from .transmission import (
+    error_since_reversal,
+    friction_against_speed,
+    hysteresis,
+    passed_torque,
+    residual_against_load,
+    residual_against_position,
+)
 
 SUMMARIES: dict[str, Callable[[JointDiagnosis], Figure | None]] = {
     "first_look": first_look,

@@ -33,10 +33,9 @@ from ..extension import changes as changes_of
 from ..extension import not_native, readable
 from ..numbers import LAYOUT, glued, number, percent, sureness, told_value
 from ..pictures import cause_pictures, picture_of, png, signature_pictures
-from ..pictures.errors import told
 from ..pictures.first_look import as_logged, first_look, in_words
 from ..pictures.style import COLOURS, EXTENDED, NAMES, TEST_SHADE
-from ..pictures.timeline import timeline, worst_window
+from ..pictures.timeline import timeline, told, worst_window
 from ..terminal import LIMITS, doubts, limit_rows, limits_told
 
 HERE = Path(__file__).parent
@@ -115,7 +114,7 @@ def write_report(
         path: of the HTML file.
         changes: what the extended chain changes, rows of ``path``, ``from``, ``to``, ``why`` (and ``joint`` where there
             are several); default: as :func:`sealegs.gap.output.extension.changes` has it.
-        robot: what :func:`sealegs.gap.output.whole.confirm_whole` found.
+        robot: what :func:`sealegs.gap.output.hand_over.confirm_whole` found.
 
     Raises:
         FileExistsError: the file is there already; nothing is overwritten.

@@ -11,11 +11,10 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import catalogue
-from sealegs.gap.causes.cause import Cause, View
-from sealegs.gap.causes.registry import ENTRIES
+from sealegs.gap.causes.cause import ENTRIES, Cause, View
 from sealegs.gap.causes.unknown import UNKNOWN, unknown_parameters, with_believed_load
 from sealegs.gap.load.pendulum import PendulumLoad, hung
-from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.replay.joint_model import JointModel

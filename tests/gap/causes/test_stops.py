@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
-from sealegs.gap.causes.contact import with_stops
+from sealegs.gap.causes.load import with_stops
 from sealegs.gap.checks.stops import Stop, read_stops, stops_of
 from sealegs.gap.experiment.excitations import STOP_CLEARANCE, Limits, excitations, within
 from sealegs.gap.finder.diagnosis import diagnose

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.gap.checks.data_set import check_set, corrected
+from sealegs.gap.checks.data_set import FAULTS, Fault, check_set, corrected
 from sealegs.gap.checks.drive import released
-from sealegs.gap.checks.faults import FAULTS, Fault
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.prepare.checking import check_log

@@ -14,11 +14,11 @@ from sealegs.gap.checks.data_set import (
     check_run,
     check_set,
     corrected,
+    mended,
     merged,
     noise_floor,
     unusable,
 )
-from sealegs.gap.checks.faults import mended
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from testbed import NOISE_FLOOR, hidden_bench

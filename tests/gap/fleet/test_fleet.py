@@ -17,10 +17,9 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.fleet import Job, Outcome, diagnose_fleet, find_jobs, rows_of, shared_causes, write_table
 from sealegs.gap.fleet import jobs as jobs_module
-from sealegs.gap.fleet.cluster import shipped, written_log
 from sealegs.gap.fleet.jobs import finished, fits_of_joint, joints_of, run_job, source
 from sealegs.gap.fleet.page import draw_fleet, write_page
-from sealegs.gap.fleet.run import in_processes
+from sealegs.gap.fleet.run import in_processes, shipped, written_log
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.log import read_measured, write_run
 from sealegs.gap.output.partial import source_of
@@ -249,7 +248,7 @@ def test_the_page_holds_all_it_shows(tmp_path: Path) -> None:
 
 
 def test_a_fleet_on_ray_gives_the_same(fleet: Path, tmp_path: Path) -> None:
-    from sealegs.gap.fleet.cluster import diagnosed_elsewhere, received
+    from sealegs.gap.fleet.run import diagnosed_elsewhere, received
 
     job = find_jobs(fleet, tmp_path / "out")[2]
     error, files = diagnosed_elsewhere(job.name, {path.name: path.read_bytes() for path in job.log.iterdir()}, {})

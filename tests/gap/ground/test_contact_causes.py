@@ -15,11 +15,19 @@ from sealegs.actuators.chain import load_chain
 from sealegs.envs.hopper.robot import FOOT, HOPPER
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, search_ground
-from sealegs.gap.ground.leg_ground import contact_causes, ground_numbers, leg_problem
+from sealegs.gap.ground.leg_ground import (
+    COLUMNS,
+    LegReplay,
+    column_noise,
+    columns,
+    contact_causes,
+    find_stances,
+    ground_numbers,
+    leg_problem,
+    touchdowns,
+)
 from sealegs.gap.ground.leg_model import CONTACT_DEPTH, GROUND_MASS, IMMOBILE_MASS, LegModel
-from sealegs.gap.ground.leg_replay import LegReplay
 from sealegs.gap.ground.problem import GroundProblem
-from sealegs.gap.ground.stances import COLUMNS, column_noise, columns, find_stances, touchdowns
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.measure.case import Replay

@@ -15,8 +15,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.robots import get_robot
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.ground.ground import GROUND, GroundSearch, on_ground, search_ground
-from sealegs.gap.ground.laid import Laid
 from sealegs.gap.ground.pieces import ENGINE_STEP
+from sealegs.gap.ground.problem import Laid
 from sealegs.gap.ground.tree_ground import lay_robot
 from sealegs.gap.ground.tree_model import TreeModel, base_joints, ground_of
 from sealegs.gap.ground.tree_replay import TreeReplay

@@ -14,7 +14,7 @@ from sealegs.envs.extended import Change, Extended, Mounted
 from sealegs.gap.load.robot import Frame, LoggedRobot
 from sealegs.gap.load.tree import Motion, terms_along
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
-from sealegs.gap.output.robot_extension import of_robot
+from sealegs.gap.output.extension import of_robot
 from sealegs.gap.output.robot_mjcf import write_robot
 from sealegs.gap.replay.engine import replay_whole, whole, why_not_whole
 

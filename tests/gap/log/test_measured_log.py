@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.envs.robots import robot_meant
-from sealegs.gap.checks.clock import check_clock
+from sealegs.gap.checks.columns import check_clock
 from sealegs.gap.log import JointLog, LogError, MeasuredRun, iterate_runs, read_measured, write_run
 from sealegs.gap.log.parts import FIT_A, FIT_B, TEST, WARM_UP, cut, known_commands
 

@@ -25,10 +25,10 @@ from sealegs.gap.measure.signatures import (
 )
 from sealegs.gap.measure.unseen import unseen_range
 from sealegs.gap.output.pictures import png
-from sealegs.gap.output.pictures.errors import features
+from sealegs.gap.output.pictures.timeline import features
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import JointModel
-from sealegs.gap.verdict.words import recording_reasons
+from sealegs.gap.verdict.verdict import recording_reasons
 
 from benchmarks.hidden import LOADS
 from testbed import NOISE_FLOOR, hidden_bench

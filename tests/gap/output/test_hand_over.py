@@ -14,16 +14,14 @@ import numpy as np
 import pytest
 from sealegs.envs.extended import Change, Extended
 from sealegs.gap.causes.catalogue import catalogue
-from sealegs.gap.checks.bootstrap import Z95
+from sealegs.gap.checks.signal import Z95
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.case import ROBOT
 from sealegs.gap.measure.named import NamedCause, Value
 from sealegs.gap.output import hand_over as module
-from sealegs.gap.output.draws import spread_of, with_draws
 from sealegs.gap.output.extension import extended_of
-from sealegs.gap.output.hand_over import bodies_of, hand_over, harmed
-from sealegs.gap.output.whole import confirm_whole
+from sealegs.gap.output.hand_over import bodies_of, confirm_whole, hand_over, harmed, spread_of, with_draws
 from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.verdict.verdict import JointDiagnosis
 

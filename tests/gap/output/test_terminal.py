@@ -15,10 +15,9 @@ from sealegs.envs.extended import Extended
 from sealegs.gap.experiment import DetectionLimit, Experiment, write_experiment
 from sealegs.gap.measure.named import CERTAIN, NEAR_MISS, NamedCause, OpenCause, Value
 from sealegs.gap.output.extension import write_extended
-from sealegs.gap.output.next_step import experiment_command
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
 from sealegs.gap.output.partial import FOLDER, TOLD
-from sealegs.gap.output.terminal import screen, told_once
+from sealegs.gap.output.terminal import experiment_command, screen, told_once
 from sealegs.gap.verdict.decide import refuse
 from sealegs.gap.verdict.verdict import (
     EXPLAINED,

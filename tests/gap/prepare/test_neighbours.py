@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import JointLog, MeasuredRun
-from sealegs.gap.prepare.neighbours import with_neighbours
+from sealegs.gap.prepare.pieces import with_neighbours
 from sealegs.gap.replay.tree import drawn_beside
 
 from testbed.everyday import drawn

@@ -9,7 +9,7 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.finder.diagnosis import diagnose
-from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.replay.joint_model import Axis, JointModel

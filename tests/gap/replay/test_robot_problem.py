@@ -13,7 +13,7 @@ from sealegs.actuators import load_chain
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.load.terms import T_COLUMNS, T_OWN, T_SIZE
-from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.parts import Unit, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 from sealegs.gap.prepare.pieces import cut_joint

@@ -9,7 +9,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
 from sealegs.gap.load.terms import T_COLUMNS, T_DRAWN, T_OWN
-from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.engine import bench, replay_in_engine

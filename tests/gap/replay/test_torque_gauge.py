@@ -12,8 +12,7 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.actuators.stability import velocity_slope
 from sealegs.gap.causes.catalogue import adjustable
-from sealegs.gap.load.tree import own_lever, tip_behind, tip_mass
-from sealegs.gap.load.tree_load import TreeLoad
+from sealegs.gap.load.tree import TreeLoad, own_lever, tip_behind, tip_mass
 from sealegs.gap.measure.unseen import refitted_numbers
 from sealegs.gap.output.mjcf import _actuator
 from sealegs.gap.replay.joint_model import Axis, JointModel

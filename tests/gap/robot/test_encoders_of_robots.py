@@ -16,7 +16,7 @@ from sealegs.gap.load.robot import Machine
 from sealegs.gap.load.terms import T_COLUMNS
 from sealegs.gap.log.types import MeasuredRun, MeasuredSet
 from sealegs.gap.measure.named import CERTAIN
-from sealegs.gap.output.robot_extension import of_robot, widened_range
+from sealegs.gap.output.extension import of_robot, widened_range
 from sealegs.gap.prepare.frames import in_likely_frames
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.replay.tree import axis_of, motion_of, told_range

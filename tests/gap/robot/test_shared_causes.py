@@ -19,8 +19,8 @@ from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.measure.case import ROBOT, Case
 from sealegs.gap.measure.measured import rival_of
 from sealegs.gap.measure.named import Error, NamedCause, Value
+from sealegs.gap.output.extension import shared_changes
 from sealegs.gap.output.pictures.first_look import budget_slices
-from sealegs.gap.output.robot_extension import shared_changes
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.parameters import Parameter
 from sealegs.gap.replay.tree import motion_of

@@ -20,7 +20,7 @@ from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.measure.case import Replay
 from sealegs.gap.measure.named import Error, NamedCause
-from sealegs.gap.output import next_step
+from sealegs.gap.output import terminal
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem
@@ -117,12 +117,12 @@ def test_what_is_refitted_is_not_told_as_tuned() -> None:
 
 
 def test_after_refitted_numbers_nobody_is_told_that_nothing_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(next_step, "train_command", lambda folder: "sealegs train")
+    monkeypatch.setattr(terminal, "train_command", lambda folder: "sealegs train")
     files = {"extended": Path("d/extended.yaml")}
     beside = Reason(BESIDE, "Beside that, numbers are refitted: friction.coulomb x 4.64.")
-    said, commands = next_step.next_step([found(verdict=EXPLAINED, reasons=(beside,))], files)
+    said, commands = terminal.next_step([found(verdict=EXPLAINED, reasons=(beside,))], files)
     assert commands and "No further experiment" not in said and "refitted beyond their tolerance" in said
-    assert "No further experiment" in next_step.next_step([found(verdict=EXPLAINED)], files)[0]
+    assert "No further experiment" in terminal.next_step([found(verdict=EXPLAINED)], files)[0]
 
 
 def test_what_is_missing_is_told_by_why_the_link_is_held() -> None:
@@ -130,10 +130,10 @@ def test_what_is_missing_is_told_by_why_the_link_is_held() -> None:
     files = {"extended": Path("d/extended.yaml")}
     held = Finding(HELD, "note", "knee", None, "The robot's base moves; write base: fixed in its YAML.")
     of_robot = found(replay=replayed(run(torque=MOTION)), findings=(held,))
-    said, _ = next_step.next_step([of_robot], files)
+    said, _ = terminal.next_step([of_robot], files)
     assert said.endswith("(limits=) or another load. The robot's base moves; write base: fixed in its YAML.")
     unknown = found(replay=replayed(run("xl330", torque=MOTION)))
-    said, _ = next_step.next_step([unknown], files)
+    said, _ = terminal.next_step([unknown], files)
     assert "another load, or the columns current and duty. The load is not known" in said
 
 

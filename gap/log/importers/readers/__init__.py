@@ -16,9 +16,9 @@ from ..clocks import find_clock, in_force, offset_note, overlap, together
 from ..lines import bare
 from ..names import said
 from ..recording import NoRecording, Recording
-from . import arrays, bags, tables
+from . import bags, tables, trees
 from .documents import LINES, read_json
-from .lerobot import is_lerobot, read_lerobot
+from .tables import is_lerobot, read_lerobot
 from .text import LONGEST_CELL
 
 LARGEST_FILE = 2**36
@@ -28,10 +28,10 @@ DEEPEST_FOLDER = 4
 READERS: dict[tuple[str, ...], Callable[[Path], list[Recording]]] = {
     (*tables.ENDINGS, ".log"): tables.read_table,
     (".json", *LINES): read_json,
-    (".mat",): arrays.read_matlab,
-    (".npz",): arrays.read_numpy,
-    arrays.HDF5: arrays.read_hdf5,
-    arrays.TENSORS: arrays.read_tensors,
+    (".mat",): trees.read_matlab,
+    (".npz",): trees.read_numpy,
+    trees.HDF5: trees.read_hdf5,
+    trees.TENSORS: trees.read_tensors,
     bags.ENDINGS: bags.read_bag,
 }
 KNOWN = tuple(ending for endings in READERS for ending in endings if ending != ".log")
@@ -114,8 +114,8 @@ def _read_one(path: Path) -> list[Recording]:
     """The recordings of one file, bag or data set, within bounds."""
     ending = path.suffix.lower()
     reader = next((reader for endings, reader in READERS.items() if ending in endings), None)
-    if ending in arrays.PICKLES:
-        raise LogError(f"{path}: holds no named arrays, or can run any code; {arrays.save_as(path)}.")
+    if ending in trees.PICKLES:
+        raise LogError(f"{path}: holds no named arrays, or can run any code; {trees.save_as(path)}.")
     if path.is_dir():
         reader = read_lerobot if is_lerobot(path) else bags.read_bag
     if reader is None:

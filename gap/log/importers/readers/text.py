@@ -14,8 +14,8 @@ import pandas as pd
 
 from .....common.documents import RECORDING, read_bytes
 from ...types import LogError
+from ..expression import unit_of
 from ..recording import NoRecording
-from ..units import unit_of
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
