@@ -146,6 +146,10 @@ class WalkEnv(SingleEnv, task=WalkTask):
     foot is lifted by `lift` and swings ahead, in the other half it goes back on the ground, as fast as the command asks
     there. The joints follow by the derivatives of the feet in the stance. At command 0 it stands.
 
+    On two feet the base sways over the one that stands: with `sway` 1 by $y / (1 + \omega^2 h / g)$, where the feet are $y$
+    from their middle and $\omega$ is that of the cycle. So a pendulum of height $h$ presses on the ground at that foot. It
+    comes by the share `lead` of a cycle before the foot's turn.
+
     ## Observation Space
     The observation space is a `Box(-Inf, Inf, (9 + 4 k,), float32)`, two more with a gait, and one for each contact switch
     with `switches`: what servos and an IMU measure. The speed over the ground is not in it.
@@ -165,7 +169,7 @@ class WalkEnv(SingleEnv, task=WalkTask):
     ## Rewards
     The reward is the sum of these terms; `info` holds each, and the flags `net_out_of_range` and `unstable` (see
     `HopperEnv`). $v$ is the velocity of the base in its heading's frame, $\omega_z$ its turn about the vertical; a bar means
-    the mean of about the last 0.4 s, since a gait sways within each step.
+    the mean of the gait's last cycle, within which it sways; of 0.4 s without a gait.
 
     - *reward_tracking*: $w_{tracking} \exp(-|\bar v_{xy} - v_{cmd}|^2 / tolerance^2)$.
     - *reward_turn*: $w_{turn} \exp(-(\bar\omega_z - \omega_{cmd})^2 / tolerance_{turn}^2)$.
@@ -202,7 +206,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     $m g \sqrt{g h}$. For the quadruped, 0.16 m high, they are 0.3 m/s
     forward, 0.6 rad/s, 2.5 Hz and 0.02 m. On two feet, speeds and lift are a third.
     Legs that cannot step aside, or turn only in part, are asked for 0, or for that part.
-    Where the reference gait alone falls, the lift is halved, up to twice.
+    Where the reference gait alone falls, the lift is halved, up to twice. A `lead` that is null is 0, 0.06 or 0.12, whichever
+    does best there.
 
     ## Arguments
 

@@ -58,6 +58,17 @@ class Standing:
         order = np.argsort(np.argsort(np.arctan2(self.places[:, 1], self.places[:, 0])))
         return order % 2
 
+    @property
+    def aside(self) -> np.ndarray:
+        """Of two feet, from the middle to the one that stands in the first half of the cycle (2,) [m]; else 0.
+
+        More of them stand around the weight.
+        """
+        if len(self.feet) != 2:
+            return np.zeros(2)
+        first, second = self.places[np.argsort(self.turns)]
+        return 0.5 * (second - first)
+
 
 def standing(robot: Robot) -> Standing:
     """How ``robot`` stands.

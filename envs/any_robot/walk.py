@@ -29,6 +29,7 @@ ON_TWO = 1.0 / 3.0  # of the speeds and heights, on two feet: what the small bip
 
 TRIALS, TRIAL_TIME = 8, 4.0  # simulations of the gait that is tried, and how long [s]
 HALVINGS = 2  # of the lift, at which a robot that falls is tried again
+LEADS = (0.0, 0.06, 0.12)  # shares of a cycle that are tried: servos that carry weight are later than those that swing
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class Sizes:
     turn_tolerance: float
     air_time: float
     energy_weight: float
+    lead: float = 0.0
 
     @classmethod
     def of(cls, stance: Standing) -> Sizes:
@@ -72,12 +74,16 @@ class Sizes:
         return cls(**short)
 
 
-def falls(engine: BatchEngine) -> bool:
-    """Whether a robot falls by its reference gait alone, in any of some simulations."""
+def tried(engine: BatchEngine) -> tuple[int, float]:
+    """How a robot does by its reference gait alone: falls of some simulations, and what is lacking of reward."""
     engine.seed(0)
     engine.reset()
     still = np.zeros((engine.num_envs, len(engine.action_names)))
-    return any(bool(engine.step(still).terminated.any()) for _ in range(round(TRIAL_TIME / engine.dt)))
+    fallen, reward = np.zeros(engine.num_envs, bool), 0.0
+    for _ in range(round(TRIAL_TIME / engine.dt)):
+        result = engine.step(still)
+        fallen, reward = fallen | result.terminated, reward + float(np.mean(result.reward))
+    return int(fallen.sum()), -reward
 
 
 def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
@@ -99,6 +105,10 @@ class WalkTask(Commanded):
     correction: float = option(0.25, "see Action Space")
     cadence: float | None = option(0.0, "cycles of the reference gait per second [Hz]; 0: none")
     lift: float | None = option(None, "of a foot, in the reference gait and the reward", "m")
+    sway: float = option(
+        1.0, "on two feet, in that gait: share of the way that takes the weight over the one that stands"
+    )
+    lead: float | None = option(None, "by which that comes before the feet, in cycles")
     tolerance: float | None = option(None, "see Rewards", "m/s")
     turn_tolerance: float | None = option(None, "see Rewards", "rad/s")
     tracking_weight: float = 2.0
@@ -161,11 +171,24 @@ class WalkTask(Commanded):
 
     def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
         sized = replace(self, **vars(self.sizes))
-        if self.lift is not None or not self.sizes.cadence > 0.0:
+        if not self.sizes.cadence > 0.0:
             return sized
-        lifts = [self.sizes.lift / 2.0**k for k in range(HALVINGS + 1)]
-        tried = [replace(sized, lift=lift) for lift in lifts]
-        return next((task for task in tried[:-1] if not falls(trial(task, TRIALS))), tried[-1])
+        swaying = self.sway > 0.0 and self.stance.aside.any()
+        lifts = [self.sizes.lift / 2.0**k for k in range(HALVINGS + 1)] if self.lift is None else [self.lift]
+        leads = LEADS if self.lead is None and swaying else [self.sizes.lead]
+        best = sized
+        for lift in lifts:
+            tasks = [replace(sized, lift=lift, lead=lead) for lead in leads]
+            if len(tasks) == 1 and lift == lifts[-1]:
+                return tasks[0]
+            found = [tried(trial(task, TRIALS)) for task in tasks]
+            best = tasks[found.index(min(found))]
+            if min(found)[0] == 0:
+                break
+        return best
+
+    def averaged(self) -> float:
+        return 1.0 / self.sizes.cadence if self.sizes.cadence > 0.0 else super().averaged()
 
     def span(self, name: str) -> float | Sequence[float]:
         return getattr(self.sizes, name)
@@ -192,8 +215,12 @@ class WalkTask(Commanded):
         return goals, self.correction * self.half
 
     def _gait(self, time: np.ndarray, command: np.ndarray) -> Any:
-        """Change of the goals (n, k): each foot in turn is lifted and swings ahead, as the command asks."""
-        stance, found = self.stance, 0.0
+        """Change of the goals (n, k): each foot in turn is lifted and swings ahead, as the command asks.
+
+        Of two feet, one stands where the weight is not. So the base sways over it, as far as a pendulum on the ground
+        must for the ground to press where that foot is.
+        """
+        stance, found, walking = self.stance, 0.0, 0.0
         slow = SLOW * float(np.sqrt(GRAVITY * stance.height))
         for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
             cycle = (self.sizes.cadence * time + 0.5 * float(turn)) % 1.0
@@ -207,7 +234,14 @@ class WalkTask(Commanded):
             for axis, way in enumerate((stride * along * ahead, stride * across * ahead, up)):
                 found = found + way[:, None] * stance.per_metre[foot, axis]
             found = found + (stride * command[:, 2] * ahead)[:, None] * stance.per_turn[foot]
-        return found
+            walking = walking + moving / len(stance.feet)
+        if not self.sway * stance.aside.any():
+            return found
+        rate = 2.0 * np.pi * self.sizes.cadence
+        size = self.sway / (1.0 + rate * rate * stance.height / GRAVITY)
+        sway = size * walking * np.sin(2.0 * np.pi * (self.sizes.cadence * time + self.sizes.lead))
+        soles = -(stance.per_metre[:, :2] * stance.aside[:, None]).sum(axis=(0, 1))  # they move the other way
+        return found + sway[:, None] * soles
 
     @staticmethod
     def _speed_of(command: np.ndarray, place: np.ndarray) -> tuple[Any, Any]:

@@ -138,7 +138,7 @@ class BatchEngine:
         addresses = np.array([self.drivetrain.state_addresses[name] for name in names])
         self._torques, self._out_of_range = addresses + S_TORQUE, addresses + S_OUT_OF_RANGE
         self._duties = addresses + S_DUTY
-        self.world = World(self.batch, task.sees)
+        self.world = World(self.batch, task.sees, max(round(task.averaged() / self.dt), 1))
         self._motor, self._link = (Sides(self.drivetrain, names, side) for side in ("motor", "link"))
         limits = np.array([task.robot.goal_limits(self.numbers)[name] for name in names])
         self.goal_centre, self.goal_half = limits.mean(axis=1), 0.5 * (limits[:, 1] - limits[:, 0])

@@ -14,7 +14,7 @@ from ...actuators import Drivetrain
 from ...common.errors import SealegsError
 from .robot import Robot
 from .turns import projected_gravity
-from .world import NO_WORLD, World
+from .world import AVERAGED, NO_WORLD, World
 
 
 @dataclass(slots=True)
@@ -250,6 +250,10 @@ class Task(ABC):
         """
         del time, command, numbers
         return None
+
+    def averaged(self) -> float:
+        """Over how long the mean speeds of ``motion.world`` are taken [s]."""
+        return AVERAGED
 
     def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
         """The task with numbers that were left None and follow from robot and chains; called when an engine is built.

@@ -22,7 +22,7 @@ from .turns import cross
 
 TOUCH = {"ground": "world", "contacts": ""}
 """Words of ``sees`` that count contacts: with what does not move, or with anything."""
-AVERAGED = 0.4  # [s] of mean speeds: about a step of a small robot; assumed
+AVERAGED = 0.4  # [s] of mean speeds, unless the task says how long: about two steps of a small robot; assumed
 SEES = (*TOUCH, "bodies", "sites", "sensors")
 """Words of ``sees``."""
 _FIELDS = {"bodies": ("xpos", "xmat", "cvel", "subtree_com"), "sites": ("site_xpos", "site_xmat"), "sensors": ()}
@@ -76,8 +76,8 @@ class World:
 
     simulated = True
 
-    def __init__(self, batch: Batch, sees: Sequence[str]) -> None:
-        """See in ``batch`` what the words of ``sees`` name."""
+    def __init__(self, batch: Batch, sees: Sequence[str], averaged: int = 1) -> None:
+        """See in ``batch`` what the words of ``sees`` name, and mean speeds over ``averaged`` control steps."""
         model = self._model = batch.model
         self._sees = tuple(sees)
         names = [name for word in sees for name in _FIELDS.get(word, ())]
@@ -86,7 +86,9 @@ class World:
         self._touch = {word: _Touch(model, word) for word in TOUCH if word in sees}
         self._air = {word: np.zeros((batch.nsim, len(touch.names))) for word, touch in self._touch.items()}
         self._landed = {word: np.zeros_like(air) for word, air in self._air.items()}
-        self._mean = np.zeros((batch.nsim, model.nbody, 6))
+        seen = averaged if "bodies" in sees else 0
+        shape = (batch.nsim, model.nbody, 6)
+        self._sum, self._speeds, self._oldest = np.zeros(shape), np.zeros((seen, *shape)), 0
 
     # --- contacts ----------------------------------------------------------------------------------------------
 
@@ -133,12 +135,17 @@ class World:
         return self._field("bodies", "cvel")[:, self._body(body), :3]
 
     def mean_velocity(self, body: str) -> np.ndarray:
-        """Of the body's origin over about the last :data:`AVERAGED` of the episode, in the world (n, 3) [m/s]."""
-        return self._mean[:, self._body(body), 3:]
+        """Of the body's origin over the last control steps of the episode, in the world (n, 3) [m/s].
+
+        As many as :meth:`sealegs.envs.engine.task.Task.averaged` says: over a whole cycle a gait does not sway.
+        """
+        self._field("bodies", "cvel")
+        return self._sum[:, self._body(body), 3:] / len(self._speeds)
 
     def mean_turn_rate(self, body: str) -> np.ndarray:
         """Of a body about the world's axes, likewise (n, 3) [rad/s]."""
-        return self._mean[:, self._body(body), :3]
+        self._field("bodies", "cvel")
+        return self._sum[:, self._body(body), :3] / len(self._speeds)
 
     def site_position(self, site: str) -> np.ndarray:
         """In the world (n, 3) [m]."""
@@ -167,14 +174,17 @@ class World:
             turn, linear = self._bound["cvel"][..., :3], self._bound["cvel"][..., 3:]
             centres = self._bound["subtree_com"][:, self._model.body_rootid]
             now = np.concatenate([turn, linear + cross(turn, self._bound["xpos"] - centres)], axis=-1)
-            self._mean = self._mean + (now - self._mean) * min(dt / AVERAGED, 1.0)
+            self._sum += now - self._speeds[self._oldest]
+            self._speeds[self._oldest] = now
+            self._oldest = (self._oldest + 1) % len(self._speeds)
 
     def start(self, chosen: np.ndarray) -> None:
         """Episodes start in the simulations ``chosen``."""
         for word, air in self._air.items():
             air[chosen] = 0.0
             self._landed[word][chosen] = 0.0
-        self._mean[chosen] = 0.0
+        self._sum[chosen] = 0.0
+        self._speeds[:, chosen] = 0.0
 
     def _field(self, word: str, name: str) -> np.ndarray:
         if word not in self._sees:

@@ -393,7 +393,8 @@ def test_a_number_that_it_has_not_is_told_in_a_sentence() -> None:
         walk(Wave(), 0.1, {"body_mas": 10.0})
 
 
-BIPED: dict[str, Any] = {"cadence": 2.5, "lift": 0.01, "stand_share": 0.0, "start_noise": 0.0}
+CADENCE = 2.5
+BIPED: dict[str, Any] = {"cadence": CADENCE, "lift": 0.01, "lead": 0.12, "stand_share": 0.0, "start_noise": 0.0}
 
 
 def walked_by(robot: str, seconds: float, **arguments: Any) -> tuple[np.ndarray, bool]:
@@ -428,3 +429,51 @@ def test_a_biped_walks_and_turns_by_its_reference_gait() -> None:
     assert not fallen and abs(mean[0] - 0.08) < 0.02
     mean, fallen = walked_by("small_biped", 4.0, forward=0.0, sideways=0.0, turn=0.3, **BIPED)
     assert not fallen and abs(mean[3] - 0.3) < 0.08
+
+
+def swayed(**arguments: Any) -> tuple[float, float]:
+    """Of a biped, how far its base rolls [rad], rms; and its mean reward."""
+    given: dict[str, Any] = BIPED | {"forward": 0.08, "sideways": 0.0, "turn": 0.0} | arguments
+    engine = BatchEngine(WalkTask.on("small_biped")(**given), 1, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    rolls, rewards, still = [], [], np.zeros((1, len(engine.action_names)))
+    for _ in range(round(4.0 / engine.dt)):
+        rewards.append(engine.step(still).reward[0])
+        rolls.append(engine.motion(still).gravity[0, 1])
+    return float(np.sqrt(np.mean(np.square(rolls)))), float(np.mean(rewards))
+
+
+def test_a_biped_that_shifts_its_weight_over_the_foot_that_stands_does_not_rock_onto_it() -> None:
+    """Its gait kept the weight between its feet: it fell to the side of each foot that was lifted."""
+    (swaying, well), (still, badly) = swayed(), swayed(sway=0.0)
+    assert swaying < 0.7 * still and well > badly + 0.5, (swaying, still, well, badly)
+
+
+def test_of_leads_of_the_sway_the_best_is_taken_and_four_feet_have_none() -> None:
+    tried: list[tuple[float | None, float | None]] = []
+
+    def trial(task: WalkTask, count: int) -> BatchEngine:
+        tried.append((task.lift, task.lead))
+        return BatchEngine(task, count, autoreset=False)
+
+    biped = WalkTask.on("small_biped")(**{key: value for key, value in BIPED.items() if key != "lead"})
+    assert biped.fitted(trial).lead == 0.12 and tried == [(0.01, lead) for lead in (0.0, 0.06, 0.12)]
+    assert not WalkTask.on("quadruped").standing_of().aside.any()
+
+
+def test_speed_is_judged_over_a_cycle_in_which_the_gait_sways() -> None:
+    """Over 0.4 s with fading weights a biped's sway stayed in it: less sway was worth more than the commanded speed."""
+    given: dict[str, Any] = BIPED | {"forward": 0.08, "sideways": 0.0, "turn": 0.0}
+    engine = BatchEngine(WalkTask.on("small_biped")(**given), 2, autoreset=False)
+    engine.seed(0)
+    engine.reset()
+    now, mean = [], []
+    for _ in range(round(4.0 / engine.dt)):
+        engine.step(np.zeros((2, len(engine.action_names))))
+        now.append(engine.world.velocity("trunk").copy())
+        mean.append(engine.world.mean_velocity("trunk").copy())
+    cycle = round(1.0 / CADENCE / engine.dt)
+    for step in (cycle, 100, 199):
+        np.testing.assert_allclose(mean[step], np.mean(now[step - cycle + 1 : step + 1], axis=0), atol=1e-9)
+    assert np.std(now[50:], axis=0)[0, 1] > 0.1 and np.std(mean[50:], axis=0)[0, 1] < 0.02
