@@ -10,8 +10,7 @@ import numpy as np
 from ..common.atomic import write_text
 from ..common.extras import needed_for
 from .chain import Chain
-from .net_file import write_net
-from .net_training import TrainedNet, predict
+from .net_training import TrainedNet, predict, write_net
 from .stages import Stage
 from .stages.net import Net
 

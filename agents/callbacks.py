@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import secrets
+import signal
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -13,10 +18,54 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
+from torch.utils.tensorboard.writer import SummaryWriter
 
-from .stop import StopSignals
+from ..common.atomic import write_text
+from ..common.errors import SealegsError
+from ..common.extras import needed_for
+
+
+class StopSignals:
+    """Context in which Ctrl-C and SIGTERM set ``asked`` instead of interrupting a step; a second Ctrl-C interrupts it.
+
+    Attributes:
+        asked: whether a stop was asked for.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._waits = True
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> StopSignals:
+        if threading.current_thread() is threading.main_thread():  # Python lets no other thread set handlers
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._previous[number] = signal.signal(number, self._ask)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def at_once(self) -> None:
+        """From here on the first stop interrupts: nothing is in progress that would be lost.
+
+        Raises:
+            KeyboardInterrupt: a stop was requested before.
+        """
+        if self.asked:
+            raise KeyboardInterrupt
+        self._waits = False
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        if self.asked or not self._waits:
+            raise KeyboardInterrupt
+        self.asked = True
+        print("\nStopping after this step; once more to stop at once.", file=sys.stderr, flush=True)
+
 
 _UNKNOWN = -1  # updates of the policy that was evaluated, as in runs of earlier versions
 
@@ -253,3 +302,79 @@ class ProgressReport(BaseCallback):
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
+
+
+# --- curves of a run over all its sessions: in TensorBoard, and in Weights & Biases where ``wandb=<project>`` asks ---
+
+_ID = "wandb.txt"
+
+
+class WandbOutput(KVWriter):
+    """Writes what a learner logs into one run of a project, over all sessions of the run's folder."""
+
+    def __init__(self, project: str, run: Path, config: Mapping[str, Any]) -> None:
+        """Open the run.
+
+        Args:
+            project: of Weights & Biases.
+            run: the run's folder; with WANDB_MODE=offline all stays in its ``wandb/``.
+            config: of the run.
+
+        Raises:
+            SealegsError: the package is missing, nobody is logged in, or the service does not answer.
+        """
+        with needed_for(f"wandb={project}"):
+            import wandb
+        file = run / _ID
+        if not file.is_file():
+            write_text(file, secrets.token_hex(4))
+        try:
+            self._run = wandb.init(
+                project=project, name=run.name, id=file.read_text().strip(), resume="allow", dir=str(run),
+                config=dict(config), settings=wandb.Settings(console="off", silent=True),
+            )  # fmt: skip
+        except wandb.Error as error:
+            reason = str(error).strip().partition("\n")[0].rstrip(".")
+            raise SealegsError(
+                f"wandb={project} does not open ({reason}): log in by `wandb login`, keep the curves here by "
+                "WANDB_MODE=offline, or leave wandb= out."
+            ) from None
+
+    def write(self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0) -> None:
+        """Log the numbers of one dump at ``step``."""
+        numbers = {key: float(value) for key, value in key_values.items() if _is_number(value)}
+        self._run.log({key: value for key, value in numbers.items() if "wandb" not in (key_excluded[key] or ())}, step)
+
+    def close(self) -> None:
+        """End the run's session."""
+        self._run.finish()
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+# --- TensorBoard -----------------------------------------------------------------------------------------------------
+
+
+class ResumableTensorBoard(TensorBoardOutputFormat):
+    """TensorBoard format that discards what a killed session wrote after its last checkpoint."""
+
+    def __init__(self, folder: Path, step: int) -> None:
+        # Not the parent's constructor: it makes a writer that cannot purge.
+        self.writer = SummaryWriter(log_dir=str(folder), purge_step=step + 1 if step else None)
+        self._is_closed = False
+
+
+def tensorboard_logger(folder: Path, step: int, *others: KVWriter) -> Logger:
+    """Logger of event files in ``folder``, and into ``others``; readers drop what an earlier session wrote there after
+    ``step``."""
+    for file in folder.glob("events.out.tfevents.*"):
+        # Readers take the files in the order of their names, which begin with the second they were made in.
+        while int(time.time()) <= int(file.name.split(".")[3]):
+            time.sleep(0.1)
+    return Logger(str(folder), [ResumableTensorBoard(folder, step), *others])

@@ -20,10 +20,21 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from ..common.documents import read_json
 from ..common.errors import SealegsError
 from .algorithms import build, wrapped
-from .jax_models import is_jax, restore, states
 from .policy_files import save_policy
 from .run_folder import RunFolder
-from .weights import FILE, UntrustedError, check_like, loaded, read_tensors, read_zip, untrusted, write_tensors
+from .weights import (
+    FILE,
+    UntrustedError,
+    check_like,
+    is_jax,
+    loaded,
+    read_tensors,
+    read_zip,
+    restore,
+    states,
+    untrusted,
+    write_tensors,
+)
 
 _BUFFERS_KEPT = 2  # a buffer is large, and the older ones are needed only where the newest checkpoint is damaged
 _LEARNER, _BUFFER, _STATE = "learner.safetensors", "replay_buffer.safetensors", "state.json"

@@ -36,15 +36,13 @@ from ..configs.script import run
 from ..envs.contract import KEY, Contract, ContractError, make_contract
 from ..envs.engine.batch import BatchEngine
 from ..envs.engine.sb3 import BatchVecEnv
-from .action_pipeline import ActionPipeline
-from .jax_models import is_jax, twin
-from .parts import TRANSPARENT, made
+from .algorithms import TRANSPARENT, made
 from .policy_files import Acting, describe, load_model, trained_env
-from .policy_graph import Actor, PolicyGraph
-from .run_sources import chains
+from .policy_graph import ActionPipeline, Actor, PolicyGraph
+from .run_folder import chains
 from .traced import TracingError
 from .weights import FILE as WEIGHTS
-from .weights import write_weights
+from .weights import is_jax, twin, write_weights
 
 FILE = "policy.onnx"
 OF_THE_SHELL = ("actuator", "num_envs", "max_episode_steps", "render_mode", "width", "height")

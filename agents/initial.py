@@ -21,9 +21,8 @@ from ..common.atomic import folder_written, write_text
 from ..common.documents import DocumentError, read_json, read_mapping
 from ..common.errors import SealegsError
 from ..envs.engine.batch import BatchEngine
-from .jax_models import is_jax
 from .policy_files import save_policy
-from .weights import FILE, check_like, read_tensors
+from .weights import FILE, check_like, is_jax, read_tensors
 
 CONFIG = "config.yaml"
 EXPLORATION = "log_std"  # of a policy's weights, where it is none that the observation decides

@@ -29,20 +29,25 @@ from ..envs.any_robot.user import is_user_task
 from ..envs.engine.sb3 import BatchVecEnv
 from ..envs.engine.servo_use import UNITS
 from ..envs.engine.task import ModulatedTask
-from .algorithms import build, schedule_start, wrapped
-from .callbacks import Checkpoints, EpisodeTerms, Evaluation, ProgressReport, StopOnSignal
+from .algorithms import build, callback, schedule_start, wrapped
+from .callbacks import (
+    Checkpoints,
+    EpisodeTerms,
+    Evaluation,
+    ProgressReport,
+    StopOnSignal,
+    StopSignals,
+    WandbOutput,
+    tensorboard_logger,
+)
 from .checkpoint import checkpoints, load_newest, save_checkpoint, save_evaluations
 from .config import Request, TrainConfig, with_overrides
-from .curves import WandbOutput, tensorboard_logger
 from .export import FILE, ExportError, write_onnx
 from .initial import take_over
 from .make_env import Actuator, make_single_env, make_vec_env, stream_seed
-from .parts import callback
 from .policy_files import policy_of, policy_reward, policy_step, save_for_sb3, save_policy
-from .run_folder import RunFolder
-from .run_sources import chains, check_sources, read_chains, write_chains, write_sources
+from .run_folder import RunFolder, chains, check_sources, read_chains, write_chains, write_sources
 from .seeds import is_study, learn_all, write_seeds
-from .stop import StopSignals
 from .video import record_video
 
 # Each use of randomness has a stream of its own: switching evaluation or film off leaves the training as it is.

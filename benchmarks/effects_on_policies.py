@@ -20,13 +20,12 @@ from typing import Any
 
 import numpy as np
 from sealegs.actuators import Chain, load_chain
-from sealegs.agents.cross_evaluation import episode_rewards
 from sealegs.agents.make_env import checked_env, make_vec_env
-from sealegs.agents.policy_files import load_policy, trained_env
+from sealegs.agents.policy_files import episode_rewards, load_policy, trained_env
 from sealegs.agents.training import half_interval
 from sealegs.common.errors import SealegsError
 from sealegs.envs.described.robot_described import largest_torque
-from sealegs.hw.virtual.hidden import changed
+from sealegs.hw.virtual.machine import changed
 
 from benchmarks import study
 from benchmarks.policies_on_the_bus import POLICIES

@@ -33,8 +33,7 @@ from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run.commands import PolicyCommands, park_motion
 from sealegs.hw.run.loop import ControlLoop
 from sealegs.hw.run.policy import Policy
-from sealegs.hw.virtual.in_process import bus_in_process
-from sealegs.hw.virtual.simulated_port import SimulatedPort
+from sealegs.hw.virtual.in_process import SimulatedPort, bus_in_process
 
 from benchmarks import study
 from benchmarks.policies_on_the_bus import POLICIES

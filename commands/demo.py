@@ -46,7 +46,7 @@ def main(arguments: list[str]) -> None:
     if out.exists():
         raise SealegsError(f"{out} exists, and nothing is overwritten: give another folder, out=<folder>.")
     from ..actuators import load_chain
-    from ..agents.cross_evaluation import mean_reward  # here, so that no answer above waits for torch
+    from ..agents.policy_files import mean_reward  # here, so that no answer above waits for torch
     from ..gap.replay.joint_model import JointModel
 
     started = time.monotonic()

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 def main(arguments: list[str]) -> None:
     """Collect runs, train, write."""
-    from ..actuators.net_file import require_torch  # here, so that --help does not wait
     from ..actuators.net_report import report
+    from ..actuators.net_training import require_torch  # here, so that --help does not wait
     from ..configs.compose import compose, split
 
     config = compose("train_net", split(arguments, plain=("log", "joint", "actuator", "out"), first="log"))

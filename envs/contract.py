@@ -20,8 +20,7 @@ from ..configs.check import Count, Natural, NotNegative, Positive, checked
 from . import known_id
 from .engine.arguments import TaskShell, task_arguments
 from .engine.base import BaseLayout
-from .engine.position_goals import check_position_goals
-from .engine.robot import Robot
+from .engine.robot import Robot, check_position_goals
 from .engine.task import ModulatedTask, Motion, Task
 
 VERSION = 2

@@ -5,7 +5,7 @@ where the machine was at the start of each window, gets the goals that the machi
 compared over that window. How far it would be off if it were the machine is rehearsed in the same window, with the
 model in the place of the machine: encoder steps, the time of a reading and of the goals, speeds taken from differences,
 and how much a landing magnifies all that are then in both. The base of a robot that an IMU alone measures is placed as
-:mod:`sealegs.evaluation.standing` says.
+:mod:`sealegs.evaluation.aligned` says.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ from ..actuators.engine import install
 from ..envs.engine import turns
 from ..envs.engine.imu import Imu, Spread
 from ..envs.engine.keyed import key_of
+from ..envs.engine.model_poses import Pose, stand
+from ..gap.ground.tree_model import PLANE, touching
 from ..hw.machine.robot import ServoRobot
 from ..hw.run.simulated import Recording, Turned, velocity_of
 from ..hw.virtual.machine import Machine
-from .standing import FreeBase
 
 WINDOW = 0.2  # [s]
 DRAWS = 5000  # of exchanges
@@ -339,3 +340,69 @@ def ratios(found: np.ndarray, accounted: np.ndarray) -> tuple[np.ndarray, np.nda
     drawn = ratio(found.mean(axis=0) + difference, accounted.mean(axis=0) - difference)
     own = ratio(found.mean(axis=0), accounted.mean(axis=0))
     return own, (1.0 + (drawn >= own * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + DRAWS)
+
+
+# --- where a free base is whose place nobody measured: turned as its IMU says, and on its floor with its nearest foo--
+
+FARTHEST = 10.0  # [m] that a floor is sought
+
+
+class FreeBase:
+    """The free base of a compiled robot.
+
+    Attributes:
+        home: positions where nothing is measured (nq,).
+    """
+
+    def __init__(self, model: mujoco.MjModel, place: tuple[int, int], pose: Pose) -> None:
+        """Prepare.
+
+        Args:
+            model: robot and chains.
+            place: where the joint begins in positions and in speeds.
+            pose: where episodes start joints that nothing drives.
+        """
+        self._model, self._data = model, mujoco.MjData(model)
+        self._qpos, self._dof = place
+        self.home = np.array(model.qpos0)
+        stand(model, pose, self.home)
+        floors = [k for k in range(model.ngeom) if int(model.geom_type[k]) == PLANE]
+        self._pairs = [(floor, geom) for floor in floors[:1] for geom in touching(model, floor)]
+
+    def put(self, qpos: np.ndarray, turn: np.ndarray | None) -> None:
+        """Put the base of ``qpos`` (nq,) onto its floor, turned by ``turn`` (4,); None: it stays turned as it is."""
+        if turn is not None:
+            qpos[self._qpos + 3 : self._qpos + 7] = turn
+        if (nearest := self._nearest(qpos)) is not None:
+            qpos[self._qpos + 2] -= nearest[0]
+
+    def move(self, qpos: np.ndarray, qvel: np.ndarray, turn_rate: np.ndarray | None) -> None:
+        """Write how the base moves into ``qvel`` (nv,), which holds the speeds of the joints.
+
+        Args:
+            qpos: from :meth:`put` (nq,).
+            qvel: to complete.
+            turn_rate: about its axes (3,) [rad/s]; None: it keeps that of ``qvel``.
+        """
+        dof = self._dof
+        qvel[dof : dof + 3] = 0.0
+        if turn_rate is not None:
+            qvel[dof + 3 : dof + 6] = turn_rate
+        if (nearest := self._nearest(qpos)) is None:
+            return
+        _, geom, point = nearest
+        jacobian = np.zeros((3, self._model.nv))
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_jac(self._model, self._data, jacobian, None, point, int(self._model.geom_bodyid[geom]))
+        qvel[dof : dof + 3] = -(jacobian @ qvel)
+
+    def _nearest(self, qpos: np.ndarray) -> tuple[float, int, np.ndarray] | None:
+        """What is nearest to the floor: how far [m], the geom, and its point (3,) [m]; None: nothing can touch it."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        ends, found = np.zeros(6), None
+        for floor, geom in self._pairs:
+            distance = mujoco.mj_geomDistance(self._model, self._data, floor, geom, FARTHEST, ends)
+            if found is None or distance < found[0]:
+                found = distance, geom, ends[3:].copy()
+        return found if found is not None and found[0] < FARTHEST else None

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..actuators.chain import LIBRARY
-from ..actuators.net_file import write_net
-from ..actuators.net_training import TrainedNet
+from ..actuators.net_training import TrainedNet, write_net
 from ..common.errors import SealegsError
 
 

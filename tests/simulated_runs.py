@@ -14,10 +14,9 @@ from sealegs.hw.bus.buses import BusGroup
 from sealegs.hw.bus.packets import PortError
 from sealegs.hw.bus.registers import load_model, ready_at
 from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.emergency import REASON as PRESSED
-from sealegs.hw.guard.emergency import release
 from sealegs.hw.guard.safety import Limits, Safety
-from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.stop import REASON as PRESSED
+from sealegs.hw.guard.stop import Stop, release
 from sealegs.hw.guard.supervisor import Line, Opening, Rest, Supervisor
 from sealegs.hw.guard.take_over import Aftermath, bring_all_to_rest
 from sealegs.hw.machine.robot import ServoRobot, build_robot, nominal_joints
@@ -27,9 +26,9 @@ from sealegs.hw.run.loop import ControlLoop, Outcome
 from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.run.policy import Policy, PolicyError
 from sealegs.hw.virtual.faults import fault_from
+from sealegs.hw.virtual.in_process import SimulatedClock, SimulatedPort
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
-from sealegs.hw.virtual.simulated_port import SimulatedClock, SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
 from benchmarks.bus import servo_row

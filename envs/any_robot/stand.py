@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from ...common.errors import SealegsError
-from ..engine.model_poses import stand
-from ..engine.model_ties import in_turn, place_followers
+from ..engine.model_poses import in_turn, place_followers, stand
 from ..engine.robot import Robot
 
 SINK = 0.03  # of the base's height: how far it is let down to find what touches; assumed

@@ -13,16 +13,13 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from ..engine.model_poses import Pose, home_pose, standing
-from ..engine.model_ties import carried_along, free_ways
+from ..engine.model_poses import Pose, carried_along, free_ways, home_pose, standing
 from ..engine.numbers import RobotError
 from .model_couplings import couplings, led, unnamed
-from .model_drives import ModelDrive, both_ways, read_drives
+from .model_drives import ModelDrive, both_ways, read_drives, wheels_of
 from .model_errors import uncompiled, unreadable
-from .model_mass import told_guessed_masses, with_total_mass, without_masses_of_shapes
-from .model_meshes import without_meshes_that_fail
+from .model_meshes import told_guessed_masses, with_total_mass, without_masses_of_shapes, without_meshes_that_fail
 from .model_sources import SUFFIXES, check_files
-from .model_wheels import wheels_of
 from .urdf_text import mended_urdf, reductions
 
 UNITS: Mapping[str, tuple[str, str]] = {"hinge": ("rad", "N.m"), "slide": ("m", "N")}

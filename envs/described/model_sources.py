@@ -11,8 +11,11 @@ import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from ...common.documents import DocumentError, read_xml, regular
+from ...actuators.published import PREFIX
+from ...common.documents import DocumentError, read_xml, read_yaml, regular
+from .robot_entries import YAML_SUFFIXES
 from .urdf_text import mesh_folder, urdf_mesh, urdf_root
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
@@ -131,3 +134,56 @@ def _product(item: ElementTree.Element, keys: Iterable[str]) -> float:
         with contextlib.suppress(ValueError):
             found *= max(float(word), 1.0)
     return found
+
+
+# --- the files that a robot is read from: its YAML, its model with all that this includes and shows, chains of its o--
+
+ENDINGS = (*YAML_SUFFIXES, *SUFFIXES, ".json", ".npz")
+"""Of what a YAML names: chains, models, fits that others published, actuator nets."""
+
+
+def files_read(words: Iterable[str]) -> tuple[Path, ...]:
+    """The files of robots and chains, with all that these read in turn, as far as they are there.
+
+    Args:
+        words: paths of files; any other word, such as the name of a built-in robot, is passed over.
+    """
+    found: dict[Path, None] = {}
+    for word in words:
+        for path in _named(word, Path.cwd()):
+            _follow(path, found)
+    return tuple(found)
+
+
+def _follow(path: Path, found: dict[Path, None]) -> None:
+    path = path.resolve()
+    if path in found or not os.path.isfile(path):  # a sentence is no path
+        return
+    found[path] = None
+    kind = path.suffix.lower()
+    for other in _of_yaml(path) if kind in YAML_SUFFIXES else _of_model(path) if kind in SUFFIXES else ():
+        _follow(other, found)
+
+
+def _named(document: Any, folder: Path) -> Iterator[Path]:
+    """Paths in a plain document, those that are relative from a folder on."""
+    if isinstance(document, dict | list):
+        for entry in document.values() if isinstance(document, dict) else document:
+            yield from _named(entry, folder)
+    elif isinstance(document, str) and Path(document).suffix.lower() in ENDINGS:
+        yield folder / document.removeprefix(PREFIX)
+
+
+def _of_yaml(path: Path) -> Iterator[Path]:
+    try:
+        document = read_yaml(path)
+    except DocumentError:  # reading the robot says it
+        return
+    yield from _named(document, path.parent)
+
+
+def _of_model(path: Path) -> Iterator[Path]:
+    try:
+        yield from named_files(path)
+    except DocumentError:  # reading the robot says it
+        return

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,20 @@ from ...common.errors import SealegsError
 from ...configs.check import checked
 from ..engine.numbers import RobotError
 from .model_file import UNITS, ModelFile
-from .name_patterns import fits
 from .robot_assumed import RADIANS, joint_stops
 from .robot_described import FileJoint
 from .robot_entries import JointEntry
+
+
+def fits(name: str, pattern: str) -> bool:
+    """Whether a pattern means a name; a name means itself, even where it has signs of patterns, such as ``j[0]``."""
+    return name == pattern or fnmatch.fnmatchcase(name, pattern)
+
+
+def fitting(names: Iterable[str], pattern: str) -> list[bool]:
+    """Whether a pattern means each of the names."""
+    return [fits(name, pattern) for name in names]
+
 
 TURN = 2.0 * math.pi  # [rad] beyond a hinge's range is no goal
 TIMES = 10.0  # of the farther end of a range: degrees for rad are 57 of it, mm for m are 1000; assumed

@@ -23,16 +23,13 @@ from ...actuators.layout import S_DUTY, S_OUT_OF_RANGE, S_TORQUE
 from ...common.errors import SealegsError
 from .arguments import check_values, steps_of_delay, steps_of_rate
 from .at_once import BreaksAtOnce
-from .base import BaseLayout
+from .base import BaseLayout, Sides
 from .disturbances import Disturbances, stand_on_slope, tilt_floor
 from .imu import ImuHistory
-from .model_loops import Loops
-from .model_ties import in_turn, place_followers
-from .position_goals import check_position_goals
+from .model_poses import Loops, in_turn, place_followers
 from .randomization import Randomization, Source
-from .robot import ChainSource
+from .robot import ChainSource, check_position_goals
 from .servo_use import ServoUse
-from .sides import Sides
 from .task import ModulatedTask, Motion, Step, Task, check_observation, check_step
 from .terrain import Terrain
 from .world import World, with_contacts

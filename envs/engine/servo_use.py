@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...actuators import Chain
-from ...actuators.ability import largest_duty, no_load_speed, stall_torque
+from ...actuators.chain import largest_duty, no_load_speed, stall_torque
 from ...common.errors import SealegsError, nearest
 
 MEASURES = ("goal_rate", "saturation", "reversals", "heat")

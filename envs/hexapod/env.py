@@ -12,12 +12,11 @@ from ...actuators.gravity import GRAVITY
 from ..engine.single import SingleEnv
 from ..engine.task import ModulatedTask, Motion, drawn, option
 from ..engine.vector import BatchVectorEnv
-from . import modulated_gait
+from . import gait
 from .gait import PERIOD
-from .ground import penetration
 from .kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance
 from .parameters import GOAL_RANGE, LEGS
-from .robot import HEXAPOD, KINDS, ROTATION, VERTICAL, coordinate, loop_joints, total_mass
+from .robot import HEXAPOD, KINDS, ROTATION, VERTICAL, coordinate, loop_joints, penetration, total_mass
 
 SLOWEST = 0.01  # [m/s] below this, errors of speed count in absolute terms
 TOUCH = 1e-3  # [m] under which the switch of a foot says that it is on the floor
@@ -42,10 +41,10 @@ class HexapodTask(ModulatedTask):
     draws = 2 + 3 * LEGS  # speed, first tripod, joints
     ranges = ("speed",)
     control_rate = 1.0  # a step cycle of the reference gait takes 6 to 12 s
-    memory, goal_period, sample_period = modulated_gait.MEMORY, PERIOD, 0.002
+    memory, goal_period, sample_period = gait.MEMORY, PERIOD, 0.002
 
     def action_names(self) -> tuple[str, ...]:
-        return tuple(modulated_gait.MODULATED)
+        return tuple(gait.MODULATED)
 
     def observation_names(self) -> tuple[str, ...]:
         joints = [item.name for item in HEXAPOD.coordinates]
@@ -62,8 +61,8 @@ class HexapodTask(ModulatedTask):
             *(f"leg{leg} foot switch" for leg in range(LEGS)),
             "clock of the gait, sine",
             "clock of the gait, cosine",
-            *(f"{name} [{unit}]" for name, (*_, unit) in modulated_gait.MODULATED.items()),
-            *(f"last {name} action" for name in modulated_gait.MODULATED),
+            *(f"{name} [{unit}]" for name, (*_, unit) in gait.MODULATED.items()),
+            *(f"last {name} action" for name in gait.MODULATED),
         )
 
     def asked_names(self) -> tuple[str, ...]:
@@ -103,12 +102,12 @@ class HexapodTask(ModulatedTask):
         self, numbers: Mapping[str, float], random: np.ndarray, goals: np.ndarray, command: np.ndarray
     ) -> np.ndarray:
         del command
-        return modulated_gait.begin(numbers, random[:, 1], goals)
+        return gait.begin(numbers, random[:, 1], goals)
 
     def generate(
         self, numbers: Mapping[str, float], action: np.ndarray, command: np.ndarray, memory: np.ndarray
     ) -> np.ndarray:
-        return modulated_gait.advance(numbers, action, command[:, 0], memory)
+        return gait.advance(numbers, action, command[:, 0], memory)
 
     def power(self, numbers: Mapping[str, float], torque: np.ndarray, motor_speed: np.ndarray) -> np.ndarray:
         """What the motors give, where they do not brake, and what their windings lose: that of the paper's motors,
@@ -124,7 +123,7 @@ class HexapodTask(ModulatedTask):
     def observe(self, motion: Motion) -> tuple[np.ndarray, ...]:
         m = motion
         _, upward, heading = _axes(m.qpos)
-        velocity, clock = m.qvel[:, :3], 2.0 * np.pi * m.memory[:, modulated_gait.CLOCK]
+        velocity, clock = m.qvel[:, :3], 2.0 * np.pi * m.memory[:, gait.CLOCK]
         middle = np.array([value for _ in range(LEGS) for value in stance(m.numbers)], dtype=float)
         return (
             m.command,
@@ -138,7 +137,7 @@ class HexapodTask(ModulatedTask):
             (foot_heights(m) < TOUCH).astype(float),
             np.sin(clock),
             np.cos(clock),
-            m.memory[:, modulated_gait.PARAMETERS],
+            m.memory[:, gait.PARAMETERS],
             m.action,
         )
 
@@ -193,7 +192,7 @@ class HexapodEnv(SingleEnv, task=HexapodTask):
     resistance (energy over weight and distance). The argument `actuator` chooses drives and joint friction.
 
     ## Action Space
-    The action space is a `Box(-1, 1, (6,), float32)`: parameters of the tripod gait (`envs/hexapod/modulated_gait.py`),
+    The action space is a `Box(-1, 1, (6,), float32)`: parameters of the tripod gait (`envs/hexapod/gait.py`),
     which at action 0 is the reference gait (`envs/hexapod/gait.py`). The parameters follow the action with a time
     constant of 1 s. The gait sets the goals of all joints every 10 ms; they pass the actuation chain (digital PI
     controller, motor, gears, friction) inside the physics engine.

@@ -11,13 +11,11 @@ import numpy as np
 
 from ...common.errors import WARNING, SealegsError
 from ..any_robot.reach import ReachTask
-from ..described.as_robot import as_robot
-from ..described.robot_assembly import between_actions
-from ..described.robot_described import RobotFile
+from ..described.robot_described import RobotFile, as_robot
+from ..described.robot_file import between_actions
 from ..described.robot_step import SHORTEST, engine_number, said_again, weak
 from ..engine.batch import BatchEngine
-from ..engine.model_loops import NEAR, Loops
-from ..engine.model_ties import in_turn, place_followers
+from ..engine.model_poses import NEAR, Loops, in_turn, place_followers
 
 EPISODES = 64  # side by side, with goals of their own: what breaks in one of twenty shows
 ACTIONS = 25  # control steps at rest, as many with goals aside, anywhere, and at the ends of ranges

@@ -8,10 +8,11 @@ import os
 import re
 import textwrap
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import yaml
 
@@ -20,19 +21,23 @@ from ...actuators.chain import names as names_of_chains
 from ...actuators.stages.controller import UNLIMITED
 from ...common.atomic import write_text
 from ...common.errors import WARNING, SealegsError
-from ..described.as_robot import as_robot
 from ..described.model_file import UNITS, ModelFile, read_model
-from ..described.robot_assembly import assembled
-from ..described.robot_assumed import motor_note, reduction_note, tied_note
-from ..described.robot_choice import chosen, none_to_drive, passive, passive_sentence
-from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile
-from ..described.robot_entries import FileEntry
-from ..described.robot_file import load_robot_file
+from ..described.robot_assumed import (
+    chosen,
+    motor_note,
+    none_to_drive,
+    passive,
+    passive_sentence,
+    reduction_note,
+    tied_note,
+)
+from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile, as_robot, bare_model
+from ..described.robot_entries import FileEntry, FloorEntry
+from ..described.robot_file import assembled, load_robot_file
 from ..described.robot_imu import seat_of_imu
 from ..engine.numbers import RobotError
 from .robot_trial import steady
 from .stance import on_legs
-from .wheels import on_wheels
 
 HEAD = """\
 # Robot {name}, written from {model} by sealegs new-robot; edit what is wrong.
@@ -366,3 +371,38 @@ def _is_number(word: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+# --- whether a robot whose base hangs in the air has wheels to stand on, and the height at which they touch the grou--
+
+LEVEL = 0.6  # sine of the angle between an axle and the vertical, from which a wheel rolls; assumed
+
+
+def on_wheels(robot: RobotFile) -> RobotFile:
+    """The robot with a free base on a floor that its wheels touch, and a sentence that says so.
+
+    Left as it is one that has no two wheels with a round shape, or a place to stand of its own.
+    """
+    model = robot.model
+    if robot.height is not None or not model.root or model.floor or model.free:
+        return robot
+    if any(joint.body == model.root for joint in model.joints.values()):
+        return robot
+    wheels = [joint.joint for joint in robot.joints if joint.by_speed and model.wheels.get(joint.joint, 0.0) > 0.0]
+    if len(wheels) < 2:
+        return robot
+    compiled = bare_model(replace(robot, base="free"))
+    data = mujoco.MjData(compiled)
+    mujoco.mj_kinematics(compiled, data)
+    numbers = {name: compiled.joint(name).id for name in wheels}
+    rolling = [name for name, k in numbers.items() if np.hypot(*data.xaxis[k][:2]) > LEVEL]
+    if len(rolling) < 2:
+        return robot
+    base = float(data.xpos[compiled.body(model.root).id][2])
+    lowest = min(float(data.xanchor[numbers[name]][2]) - model.wheels[name] for name in rolling)
+    height = float(f"{base - lowest:.4g}")
+    sentence = (
+        f"{model.path.name}: it stands on wheels ({', '.join(rolling)}): base is free, with a floor, at a height of "
+        f"{height:g} m, where they touch it."
+    )
+    return replace(robot, base="free", floor=FloorEntry(), height=height, said=(*robot.said, sentence))

@@ -14,8 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ...common.errors import SealegsError
 from ...envs.engine.base import BaseLayout
-from ...envs.engine.model_poses import stand
-from ...envs.engine.model_ties import in_turn, place_followers
+from ...envs.engine.model_poses import in_turn, place_followers, stand
 from ...envs.engine.robot import Robot
 from ...envs.engine.turns import projected_gravity
 from ..checks.signal import derivatives

@@ -14,8 +14,8 @@ import yaml
 from ...actuators.published import PREFIX
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import nearest
+from ...envs.described.model_sources import files_read
 from ...envs.described.robot_file import is_robot_file
-from ...envs.described.robot_sources import files_read
 from .types import LogError
 
 FOLDER_DEFAULTS = "log.yaml"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...actuators import Chain
 from ...envs.described.robot_described import stated
-from ...envs.engine.model_ties import Follower, followers_of, home_of
+from ...envs.engine.model_poses import Follower, followers_of, home_of
 from ..checks.signal import derivatives
 from ..load.robot import LoggedRobot
 from ..load.terms import E_COUPLING, E_INERTIA, E_POSITION, E_SLOPE, T_DRAWN, T_OWN, T_SIZE, T_SPIN

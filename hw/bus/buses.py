@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .address import Address, local
 from .clock import Clock
+from .interface import Address, local
 from .packets import BusError, ReplyError
 from .servo_bus import Failing, ServoBus
 from .servo_state import ServoState

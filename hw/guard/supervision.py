@@ -16,8 +16,7 @@ from time import monotonic
 
 from ...common.alarm import to_stderr
 from ..bus.clock import HostClock
-from .hold_watch import HoldWatch
-from .in_charge import claims
+from .hold_watch import HoldWatch, claims
 from .supervisor import ASKING, AT_REST, DONE, HELD, READY, RELEASE, RESTING, STARTING, Charge, Rest
 from .take_over import Aftermath, bring_all_to_rest
 

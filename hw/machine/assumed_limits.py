@@ -19,8 +19,7 @@ from ...envs.described.robot_described import HINGES, SLIDES, FileJoint, RobotFi
 from ...envs.described.robot_within import TURN
 from ...envs.described.urdf_text import urdf_speeds
 from ...envs.new_robot.robot_yaml import AssumedLimits
-from .following import LEAST
-from .limits import usual_reach
+from .limits import LEAST, usual_reach
 
 ASSUMED = ("range_margin", "speed", "following_error")
 """Limits that are assumed."""

@@ -30,7 +30,7 @@ from ...configs.script import run
 from ...envs.engine.base import BaseLayout
 from ...envs.engine.robot import Robot
 from ..bus.registers import ServoModel
-from .calibration_file import read_joints
+from .calibration_file import FOLDER, read_joints
 from .joints import (
     MAIN,
     CalibrationError,
@@ -45,7 +45,6 @@ from .joints import (
     read_lines,
     table,
 )
-from .newest_calibration import FOLDER
 
 HEAD = (
     "# zero: step of the encoder at 0; direction: 1 where steps grow with the joint; range: rad or m; per_radian:\n"

@@ -10,10 +10,10 @@ from typing import Any
 
 from ...common.errors import SealegsError, nearest
 from ...configs.check import Count, checked, checked_fields
-from ...envs.described.name_patterns import fits, fitting
 from ...envs.described.robot_entries import ServoEntry
+from ...envs.described.robot_within import fits, fitting
 from ...envs.engine.robot import Robot
-from ..bus.address import Address
+from ..bus.interface import Address
 from ..bus.registers import ServoModel, load_model
 
 

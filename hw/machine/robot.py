@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,7 @@ from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ...envs.described.robot_imu import with_imu
 from ...envs.engine.base import BaseLayout
 from ...envs.engine.imu import GIVES
-from ...envs.engine.position_goals import check_position_goals, torque_driven
-from ...envs.engine.robot import Robot
+from ...envs.engine.robot import Robot, check_position_goals, torque_driven
 from ...envs.engine.switches import PREFIX
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
@@ -390,3 +390,42 @@ def _told(stages: Sequence[Mapping[str, Any]], known: Mapping[str, str]) -> str:
         return known.get(chain_hash({"": load_chain(list(stages))}), joined)
     except SealegsError:  # the file of its net is elsewhere
         return joined
+
+
+# --- the sign of a current that a servo reports as a magnitude -------------------------------------------------------
+
+SURE = 10  # readings against the drive after which a servo counts as one that reports magnitudes
+
+
+class CurrentSign:
+    """Gives the readings of one run their signs."""
+
+    def __init__(self, robot: ServoRobot) -> None:
+        """Prepare for the servos of ``robot``."""
+        self._ids = robot.ids
+        self._constants = np.zeros(len(robot.ids))  # back-EMF [V.s/rad]
+        for k, name in enumerate(robot.names):
+            chain = robot.chains[name]
+            if chain.find("dc_motor") is not None:
+                self._constants[k] = chain.value("dc_motor.motor_constant") * chain.gear_ratio()
+        self._signed = np.zeros(len(robot.ids), bool)
+        self._against = np.zeros(len(robot.ids), int)
+
+    def mended(self, reading: Reading) -> Reading:
+        """The reading, its currents signed."""
+        if reading.state is None:
+            return reading
+        raw = reading.state.raw["present_current"][: len(self._ids)]
+        drive = reading.duty * reading.voltage - self._constants * reading.velocity
+        wanted = np.where(drive < 0.0, -1.0, 1.0)
+        self._signed |= raw < 0
+        flip = ~self._signed & (raw > 0)
+        signed = np.where(flip, wanted * np.abs(reading.current), reading.current)
+        self._against += flip & (signed != reading.current)
+        return replace(reading, current=signed)
+
+    @property
+    def magnitudes(self) -> list[int]:
+        """Ids of the servos that report magnitudes."""
+        found = ~self._signed & (self._against >= SURE)
+        return [servo for servo, unsigned in zip(self._ids, found.tolist(), strict=True) if unsigned]

@@ -20,7 +20,7 @@ from ...common.errors import SealegsError, nearest
 from ...common.extras import needed_for
 from ...configs.check import checked
 from ...envs.engine.task import Task
-from ..guard.deadman import pressed_key
+from ..guard.stop import pressed_key
 
 KEYS, GAMEPAD = "keyboard", "gamepad"
 STEPS = 20  # key presses from the lowest to the highest value

@@ -98,9 +98,9 @@ def opened_port(
         )
     from ...configs.compose import compose, split
     from ..virtual import VirtualBus
+    from ..virtual.control import words
     from ..virtual.imu import FetchedImu
     from ..virtual.in_process import PLAIN, ports_of
-    from ..virtual.launcher import words
 
     mounts: dict[str, dict[str, Any]] = {
         j.name: {"id": j.id, "zero": j.zero, "direction": j.direction, "per_radian": j.per_radian} for j in robot.joints

@@ -24,26 +24,23 @@ from ..bus.adapters import advice
 from ..bus.clock import HIGHEST_RATE, LOWEST_RATE
 from ..bus.imu import ImuSource
 from ..bus.interface import Bus
-from ..guard.deadman import PATIENCE, keyboard, pressed_key
-from ..guard.emergency import REASON as EMERGENCY
-from ..guard.emergency import check_descriptor, emergency_stop, release
 from ..guard.safety import Limits, Safety
+from ..guard.stop import PATIENCE, check_descriptor, emergency_stop, keyboard, pressed_key, release
+from ..guard.stop import REASON as EMERGENCY
 from ..guard.supervisor import Rest, Supervisor
 from ..machine.calibration import as_row
-from ..machine.newest_calibration import newest
+from ..machine.calibration_file import newest
 from ..machine.robot import ServoRobot, build_robot, extended_robot
 from ..machine.unlike import unlike_the_factory, unlike_the_file
 from .asked import KEYS, asked_for
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
 from .connection import Opened, charge_of, checked_hw, opened_bus, opened_imu, opened_port
-from .excitation import library_excitation
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
 from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
-from .pace import measured, not_kept
+from .pace import measured, not_kept, realtime
 from .policy import Policy
-from .realtime import realtime
-from .task_reference import TaskReference
+from .task_reference import TaskReference, library_excitation
 
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own

@@ -130,6 +130,6 @@ class FetchedImu:
 
 
 def line_of(sample: ImuSample) -> bytes:
-    """A sample as it goes over a serial line, in the format of :func:`sealegs.hw.bus.imu_line.plain`."""
+    """A sample as it goes over a serial line, in the format of :func:`sealegs.hw.bus.imu_chips.plain`."""
     numbers = [f"{value:.6f}" for value in (*sample.orientation, *sample.turn_rate)]
     return (", ".join([*numbers, *(f"{value:.0f}" for value in sample.switches)]) + "\n").encode()

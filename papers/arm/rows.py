@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...envs.arm.kinematics import PRINTED, chain
+from ...envs.arm.kinematics import chain
 from ...envs.arm.tables import (
     FINAL,
     FLEXIBLE,
@@ -22,7 +22,7 @@ from ...envs.arm.tables import (
     shaft_stiffness,
     tooth_stiffness,
 )
-from ...envs.arm.trajectory import Line
+from ...envs.arm.trajectory import PRINTED, Line
 from ..published import Otherwise, Row, half_digit
 from .axes import (
     HINGES,

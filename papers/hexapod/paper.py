@@ -14,10 +14,19 @@ from ...actuators.layout import S_CURRENT, S_LOAD, S_TORQUE, S_VOLTAGE
 from ...actuators.stages.friction import Friction
 from ...common.errors import SealegsError
 from ...envs.hexapod.gait import PERIOD, Tripod
-from ...envs.hexapod.ground import penetration
 from ...envs.hexapod.kinematics import link_angles
 from ...envs.hexapod.parameters import LEGS
-from ...envs.hexapod.robot import FRICTIONS, HEXAPOD, KINDS, VERTICAL, chains_of, coordinate, foot, loop_joints
+from ...envs.hexapod.robot import (
+    FRICTIONS,
+    HEXAPOD,
+    KINDS,
+    VERTICAL,
+    chains_of,
+    coordinate,
+    foot,
+    loop_joints,
+    penetration,
+)
 
 LIFTED = 0.04  # [m] of the feet that do not stand
 SAMPLE = 0.002  # [s] between samples of the power, five in a period of the controllers

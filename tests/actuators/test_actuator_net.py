@@ -14,8 +14,17 @@ from sealegs.actuators.chain import LIBRARY
 from sealegs.actuators.law import advance, begin, torque
 from sealegs.actuators.layout import P_STATE_SIZE
 from sealegs.actuators.net_data import PENDULUM, commands, simulated_runs
-from sealegs.actuators.net_file import build, evaluate, flat_weights, require_torch, write_net
-from sealegs.actuators.net_training import Settings, TrainingRun, prepare, train
+from sealegs.actuators.net_training import (
+    Settings,
+    TrainingRun,
+    build,
+    evaluate,
+    flat_weights,
+    prepare,
+    require_torch,
+    train,
+    write_net,
+)
 from sealegs.actuators.stages.net import Net, read_net
 
 from tests.typed import Done, typed

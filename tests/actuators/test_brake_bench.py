@@ -9,7 +9,8 @@ import pytest
 from sealegs.actuators import SealegsError, load_chain
 from sealegs.actuators.brake_bench import COPPER, BenchTable, Noise, Protocol, measure
 from sealegs.actuators.brake_report import chain_from
-from sealegs.actuators.gear_train import (
+from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, misses, read_table, usable, write_table
+from sealegs.papers.hopper.servo_rows import (
     G_MM2,
     SV1270TG_ROTOR,
     SV1270TG_STAGES,
@@ -18,7 +19,6 @@ from sealegs.actuators.gear_train import (
     output_inertia,
     total_ratio,
 )
-from sealegs.actuators.regression_fit import EQUATION_3, RPM, fit_regression, misses, read_table, usable, write_table
 
 from tests.typed import Done, typed
 

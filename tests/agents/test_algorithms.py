@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.agents import algorithms
-from sealegs.agents.config import read_config
-from sealegs.agents.cross_evaluation import mean_reward
-from sealegs.agents.zoo import expression
+from sealegs.agents.config import expression, read_config
+from sealegs.agents.policy_files import mean_reward
 from sealegs.commands import train
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import choices
@@ -103,7 +102,7 @@ def test_an_algorithm_learns_goes_on_and_acts_from_its_files(
 @pytest.mark.parametrize("name", ["PPO", "TQC"])
 def test_a_learner_of_jax_goes_on_with_the_numbers_that_it_had(name: str, tmp_path: Path) -> None:
     sbx = pytest.importorskip("sbx")
-    from sealegs.agents.jax_models import restore, states, twin
+    from sealegs.agents.weights import restore, states, twin
 
     def learner(seed: int) -> Any:
         env = BatchVecEnv("SeaLegs/Bench-v0", 2, seed=0)

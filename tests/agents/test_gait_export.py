@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sealegs.agents.action_pipeline import ActionPipeline
 from sealegs.agents.export import export_policy
 from sealegs.agents.make_env import make_vec_env
-from sealegs.agents.onnx_graph import OnnxGraph
 from sealegs.agents.policy_files import load_policy
-from sealegs.agents.traced import ROWS, Traced, TracingError
+from sealegs.agents.policy_graph import ActionPipeline
+from sealegs.agents.traced import ROWS, OnnxGraph, Traced, TracingError
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import make_contract, start_pose
 from sealegs.hw.run.policy import Policy

@@ -16,8 +16,8 @@ import torch
 import yaml
 from sealegs.agents import run_folder
 from sealegs.agents.algorithms import build
-from sealegs.agents.cross_evaluation import mean_reward
 from sealegs.agents.make_env import stream_seed
+from sealegs.agents.policy_files import mean_reward
 from sealegs.agents.training import beside_reference
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from stable_baselines3 import PPO

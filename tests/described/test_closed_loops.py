@@ -12,7 +12,7 @@ from sealegs.commands import new_robot
 from sealegs.envs.any_robot.reach import ReachTask
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.batch import BatchEngine
-from sealegs.envs.engine.model_loops import Loops
+from sealegs.envs.engine.model_poses import Loops
 from sealegs.envs.new_robot.robot_trial import tried
 from sealegs.envs.robots import get_robot
 from sealegs.hw.virtual.machine import Machine

@@ -14,7 +14,7 @@ import yaml
 from sealegs.actuators import ChainError
 from sealegs.commands import new_robot
 from sealegs.common.errors import SealegsError
-from sealegs.envs.described.as_robot import as_robot
+from sealegs.envs.described.robot_described import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 
 from tests.pendulum_on_a_chain import PENDULUM, drivetrain, run

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sealegs.envs.new_robot.told import together
+from sealegs.commands.new_robot import together
 
 
 def test_what_is_said_of_many_joints_alike_is_one_sentence_with_the_range_of_its_numbers() -> None:

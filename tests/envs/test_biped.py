@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 from sealegs.actuators import Drivetrain, load_chain
-from sealegs.agents.action_pipeline import task_parts
-from sealegs.agents.cross_evaluation import mean_reward
+from sealegs.agents.policy_files import mean_reward
+from sealegs.agents.policy_graph import task_parts
 from sealegs.commands import train
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script

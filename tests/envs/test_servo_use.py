@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sealegs
 from sealegs.actuators import load_chain
-from sealegs.actuators.ability import no_load_speed, stall_torque
+from sealegs.actuators.chain import no_load_speed, stall_torque
 from sealegs.common.errors import SealegsError
 from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.engine.servo_use import MEASURES, ServoUse

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
-from sealegs.evaluation.aligned import Aligned, squares
+from sealegs.evaluation.aligned import Aligned, FreeBase, squares
 from sealegs.evaluation.comparison import NOMINAL_MACHINE, gap_of, hides_nothing, verdict
 from sealegs.evaluation.page import headline
-from sealegs.evaluation.standing import FreeBase
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.machine.limits import Limits
 from sealegs.hw.machine.own_robot import READERS

@@ -11,10 +11,9 @@ from sealegs.commands.transfer import main
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.track import TrackTask
 from sealegs.envs.engine.sb3 import EngineVecEnv
-from sealegs.evaluation.transfer.cells import EXTENDED, HAND, LIMIT, NOMINAL, on_plant
+from sealegs.evaluation.transfer.cells import EXTENDED, HAND, LIMIT, NOMINAL, PlantEngine, on_plant
 from sealegs.evaluation.transfer.figures import figures_of, interquartile_mean, interval
 from sealegs.evaluation.transfer.machines import Hidden, case_of, publish, running
-from sealegs.evaluation.transfer.plant import PlantEngine
 
 from testbed.everyday.machines import links_of
 from testbed.everyday.physics import simulate

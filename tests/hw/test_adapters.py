@@ -18,7 +18,7 @@ from sealegs.hw.bus.adapters import UsbAdapter, Whereabouts, advice, plugged
 from sealegs.hw.bus.packets import PortError
 from sealegs.hw.bus.port import BusPort
 from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.in_charge import claims
+from sealegs.hw.guard.hold_watch import claims
 from sealegs.hw.guard.supervisor import Charge, Line, Opening
 from sealegs.hw.guard.take_over import Aftermath, bring_all_to_rest
 from sealegs.hw.run.measured_log import read_events

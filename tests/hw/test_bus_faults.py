@@ -30,8 +30,8 @@ from sealegs.hw.run.commands import Reference, read_replay
 from sealegs.hw.run.simulated import recorded
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
+from sealegs.hw.virtual.in_process import SimulatedPort
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.simulated_port import SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
 from tests.served_bus import served, wired

@@ -21,9 +21,8 @@ from sealegs.hw.bus.registers import load_model
 from sealegs.hw.bus.servo_state import ServoState
 from sealegs.hw.machine import calibration
 from sealegs.hw.machine.calibration import guide, kept, unfinished, write_calibration
-from sealegs.hw.machine.calibration_file import read_joints
+from sealegs.hw.machine.calibration_file import newest, read_joints
 from sealegs.hw.machine.joints import CalibrationError, Joint, Line, check_joints, nominal_joints
-from sealegs.hw.machine.newest_calibration import newest
 from sealegs.hw.machine.robot import ServoRobot, build_robot
 
 SERVO = load_model("sts3215")

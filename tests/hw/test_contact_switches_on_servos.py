@@ -12,8 +12,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus.imu import ImuError
-from sealegs.hw.bus.imu_chips import checked_part, open_imu
-from sealegs.hw.bus.imu_line import PLAIN, LineFormat
+from sealegs.hw.bus.imu_chips import PLAIN, LineFormat, checked_part, open_imu
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.server import Terminal
 

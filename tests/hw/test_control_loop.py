@@ -13,7 +13,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.gap.log import LogError, read_measured
 from sealegs.hw.bus.clock import Metronome
-from sealegs.hw.guard.deadman import DeadMan
+from sealegs.hw.guard.stop import DeadMan
 from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run import measured_log
 from sealegs.hw.run.connection import opened_port

@@ -25,9 +25,9 @@ from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.machine.unlike import unlike_the_factory, unlike_the_file
 from sealegs.hw.run import deployment
 from sealegs.hw.run.commands import read_excitation, read_replay
-from sealegs.hw.run.excitation import library_excitation
 from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
 from sealegs.hw.run.policy import Policy
+from sealegs.hw.run.task_reference import library_excitation
 
 from tests.servo_runs import PATIENT, config, excitation, gentle_policy
 

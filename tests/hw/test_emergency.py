@@ -15,15 +15,13 @@ from sealegs.gap.log import LogError
 from sealegs.hw.bus.buses import BusGroup
 from sealegs.hw.bus.packets import UnpluggedError
 from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.deadman import LET_GO, DeadMan
-from sealegs.hw.guard.emergency import emergency_stop
 from sealegs.hw.guard.safety import Fault, Limits, Safety
-from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.stop import LET_GO, DeadMan, Stop, emergency_stop
 from sealegs.hw.machine.robot import build_robot
-from sealegs.hw.run import realtime as module
+from sealegs.hw.run import pace as module
 from sealegs.hw.run.loop import ControlLoop
 from sealegs.hw.run.measured_log import read_events
-from sealegs.hw.run.realtime import realtime
+from sealegs.hw.run.pace import realtime
 from sealegs.hw.virtual import VirtualBus
 
 from tests.hw.test_two_adapters import both_buses

@@ -14,8 +14,7 @@ import pytest
 from sealegs.common.errors import SealegsError
 from sealegs.hw.bus.clock import Metronome, Timing
 from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.emergency import emergency_stop, release
-from sealegs.hw.guard.stop import Stop
+from sealegs.hw.guard.stop import Stop, emergency_stop, release
 from sealegs.hw.guard.supervisor import Charge, Supervisor
 from sealegs.hw.run import deployment
 from sealegs.hw.run.deployment import Run, prepare

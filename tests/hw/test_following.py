@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sealegs.actuators import load_chain
-from sealegs.hw.machine.following import Ability, Following, ability
+from sealegs.hw.machine.limits import Ability, Following, ability
 from sealegs.hw.run.commands import Trajectory
 from sealegs.hw.run.measured_log import read_events
 

@@ -18,10 +18,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.common.extras import MissingPackage
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
-from sealegs.hw.bus.imu import ImuError, ThreadedImu
-from sealegs.hw.bus.imu_chips import CHIPS, open_imu
-from sealegs.hw.bus.imu_fusion import GRAVITY, Tilt
-from sealegs.hw.bus.imu_line import PLAIN, LineFormat, LineImu
+from sealegs.hw.bus.imu import GRAVITY, ImuError, ThreadedImu, Tilt
+from sealegs.hw.bus.imu_chips import CHIPS, PLAIN, LineFormat, LineImu, open_imu
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.server import Terminal

@@ -13,8 +13,8 @@ from sealegs.hw.bus.registers import load_model
 from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.machine import scan
 from sealegs.hw.virtual.faults import fault_from
+from sealegs.hw.virtual.in_process import SimulatedPort
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.simulated_port import SimulatedPort
 from sealegs.hw.virtual.wire import Wire
 
 from tests.served_bus import served, switch_on, wired

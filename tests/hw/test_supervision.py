@@ -15,8 +15,7 @@ import pytest
 from sealegs.common.alarm import Alarm
 from sealegs.hw.bus.packets import PortBusyError, PortError
 from sealegs.hw.bus.servo_bus import ServoBus
-from sealegs.hw.guard.hold_watch import HoldWatch
-from sealegs.hw.guard.in_charge import InCharge
+from sealegs.hw.guard.hold_watch import HoldWatch, InCharge
 from sealegs.hw.guard.supervision import End, watch
 from sealegs.hw.guard.supervisor import (
     ASKING,

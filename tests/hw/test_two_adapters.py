@@ -13,7 +13,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.configs.script import run as run_script
 from sealegs.gap.log import read_measured
-from sealegs.hw.bus.address import Address
+from sealegs.hw.bus.interface import Address
 from sealegs.hw.machine.joints import CalibrationError, Sensor
 from sealegs.hw.machine.own_robot import own_robot
 from sealegs.hw.machine.robot import build_robot

@@ -20,7 +20,7 @@ from sealegs.gap.log.importers.expression import evaluate
 from sealegs.gap.log.importers.mapping import Mapping, filled
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.hw.virtual.faults import read_faults
-from sealegs.hw.virtual.hidden import hide
+from sealegs.hw.virtual.machine import hide
 
 from tests.importers.importing import motion, table
 from tests.importers.test_import_tables import texts_of

@@ -18,8 +18,7 @@ import torch
 import yaml
 from safetensors.torch import load_file, save_file
 from sealegs.agents import export
-from sealegs.agents.cross_evaluation import mean_reward
-from sealegs.agents.policy_files import load_policy
+from sealegs.agents.policy_files import load_policy, mean_reward
 from sealegs.commands import deploy, evaluate, train, watch
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run

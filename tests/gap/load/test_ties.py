@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from sealegs.envs.engine.model_ties import followers_of
+from sealegs.envs.engine.model_poses import followers_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load import dynamics
 from sealegs.gap.load.dynamics import Dynamics
