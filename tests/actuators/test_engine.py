@@ -27,7 +27,7 @@ from sealegs.actuators.layout import (
 
 from benchmarks.exact_joint import ExactJoint, excitation
 from benchmarks.numerics import HOLD, Constants, engine
-from tests.pendulum_on_a_chain import LINK, PENDULUM, drivetrain, run
+from tests.smooth_bench import LINK, PENDULUM, drivetrain, run
 
 TWO = f"""<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>
 <body><joint name="one" axis="0 1 0"/>{LINK}</body><body pos="1 0 0"><joint name="two" axis="0 1 0"/>{LINK}</body>

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from sealegs.agents.config import read_config
-from sealegs.commands import deploy, diagnose, evaluate, loop, train
+from sealegs.commands import demo, deploy, diagnose, evaluate, loop, train
 from sealegs.configs.compose import compose, split
 from sealegs.evaluation import picture as comparison_picture
 from sealegs.hw.machine.own_robot import READERS
@@ -157,3 +158,22 @@ def test_the_gap_is_told_and_drawn_in_the_unit_of_each_kind_of_joint(
     for axes, label in zip(image.axes, labels, strict=False):
         error = errors["same_goals" if label == TURNS else "same_goals_of_slides"]
         assert [bar.get_height() for bar in axes.patches] == pytest.approx([1e3 * error] * 4)
+
+
+# --- the demo from the log to policies that are tried on the machine -------------------------------------------------
+
+
+@pytest.mark.long
+def test_the_demo_ends_with_policies_of_both_models_on_the_machine(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "demo"
+    demo.main([f"out={out}", "seed=0", "seeds=2", "total_timesteps=4096"])
+    said = capsys.readouterr().out
+    assert "Hidden in the servo: drive.delay" in said and "drive.delay, delay.seconds" in said
+    rows = re.findall(r"(nominal|extended) +model: +(-?\d+) \((-?\d+) to (-?\d+)\)", said)
+    assert [name for name, *_ in rows] == ["nominal", "extended"]
+    for _, mean, low, high in rows:
+        assert int(low) <= int(mean) <= int(high)
+    assert (out / "nominal-and-extended.mp4").stat().st_size > 10_000
+    assert (out / "extended" / "seed1" / "final" / "policy.onnx").is_file()

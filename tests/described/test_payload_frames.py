@@ -21,7 +21,7 @@ from sealegs.gap.output.extension import of_robot
 from sealegs.gap.robot.directions import Direction, every
 
 from testbed.arm import ARMS, mjcf
-from tests.gap.log.test_torque_driven_arm import CENTRE, COULOMB, INERTIA, LENGTH, MASS, MODEL, ROTOR, moved
+from tests.gap.replay.test_torque_gauge import CENTRE, COULOMB, INERTIA, LENGTH, MASS, MODEL, ROTOR, moved
 from tests.logged_robots import block_of, robot, two_link_run
 
 GRAVITY = 9.81

@@ -14,7 +14,7 @@ from sealegs.actuators import load_chain, load_chain_set
 from sealegs.actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
 from sealegs.common.errors import SealegsError
 from sealegs.envs.engine.single import SingleEnv
-from sealegs.envs.hexapod import gait
+from sealegs.envs.hexapod import gait as modulated
 from sealegs.envs.hexapod.env import HexapodEnv, HexapodTask
 from sealegs.envs.hexapod.gait import MODULATED, PERIOD, Tripod
 from sealegs.envs.hexapod.kinematics import Joints, foot_from_joints, joints_from_foot, leg_angle, link_angles, stance
@@ -211,9 +211,9 @@ def test_it_stands_with_every_actuator_by_one_word(word: str) -> None:
 def test_action_zero_is_the_reference_gait() -> None:
     gait, speed = Tripod(0.03), np.array([0.03])
     middle = np.array([0.5 * sum(HEXAPOD.limits[item.name]) for item in HEXAPOD.coordinates])
-    memory = gait.begin(VALUES, np.zeros(1), middle[None])
+    memory = modulated.begin(VALUES, np.zeros(1), middle[None])
     count = round(2.0 * gait.cycle / PERIOD)
-    goals = [gait.advance(VALUES, np.zeros((1, 6)), speed, memory)[0] for _ in range(count)]
+    goals = [modulated.advance(VALUES, np.zeros((1, 6)), speed, memory)[0] for _ in range(count)]
     wanted = gait.goals(VALUES, PERIOD * np.arange(1, count + 1))
     step = np.abs(np.diff(wanted, axis=0)).max(axis=0)  # a foot lifts off from where it stood, up to a period before
     settled = slice(round(gait.cycle / PERIOD), None)
@@ -224,13 +224,13 @@ def test_action_zero_is_the_reference_gait() -> None:
 def test_feet_that_stand_keep_their_distances_whatever_the_action() -> None:
     rng = np.random.default_rng(0)
     middle = np.array([0.5 * sum(HEXAPOD.limits[item.name]) for item in HEXAPOD.coordinates])
-    memory = gait.begin(VALUES, np.zeros(1), middle[None])
+    memory = modulated.begin(VALUES, np.zeros(1), middle[None])
     speed, jumps = np.array([0.03]), []
     before, action = middle, np.zeros((1, 6))
     for k in range(1500):
         if k % 20 == 0:
             action = rng.uniform(-1.0, 1.0, (1, 6))
-        goals = gait.advance(VALUES, action, speed, memory)[0]
+        goals = modulated.advance(VALUES, action, speed, memory)[0]
         for leg in range(LEGS):
             x0, y0, z0 = foot_from_joints(VALUES, Joints(*before[3 * leg : 3 * leg + 3]))
             x1, y1, z1 = foot_from_joints(VALUES, Joints(*goals[3 * leg : 3 * leg + 3]))
@@ -251,12 +251,12 @@ def test_feet_that_stand_stay_within_the_ranges_of_their_joints_whatever_the_act
     middle, count = np.array([value for _ in range(6) for value in stance(VALUES)]), 200
     reach = np.array([GOAL_RANGE[kind] for kind in KINDS])
     random = np.random.default_rng(0)
-    memory = gait.begin(VALUES, random.random(count), np.tile(middle, (count, 1)))
+    memory = modulated.begin(VALUES, random.random(count), np.tile(middle, (count, 1)))
     speed, worst = np.where(np.arange(count) % 2, 0.03, -0.02), np.zeros(3)
     for step in range(2000):
         if step % 400 == 0:
             action = random.uniform(-1.6, 1.6, (count, 6)).clip(-1.0, 1.0)  # many at an end of their range
-        goals = gait.advance(VALUES, action, speed, memory).reshape(count, 6, 3)
+        goals = modulated.advance(VALUES, action, speed, memory).reshape(count, 6, 3)
         over = np.abs(goals - middle.reshape(6, 3)) - reach
         standing = goals[..., 1] > middle[1] - 1e-6
         worst = np.maximum(worst, np.where(standing[..., None], over, -np.inf).max(axis=(0, 1)))

@@ -24,7 +24,7 @@ from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.pace import realtime
 from sealegs.hw.virtual import VirtualBus
 
-from tests.hw.test_two_adapters import both_buses
+from tests.hw.test_adapters import both_buses
 from tests.servo_runs import config
 from tests.simulated_runs import Simulation, sine
 from tests.waiting import GIVE_UP, wait_until

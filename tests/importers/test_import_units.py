@@ -18,7 +18,7 @@ from sealegs.gap.log.importers.names import said
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
 from tests.importers.importing import ANGLE, DEG, LATE, RAD, TIME, asked, proposed, table
-from tests.importers.test_import_robots import NAMES, data_set
+from tests.importers.test_import_bags import ROBOT_NAMES, data_set
 
 
 @pytest.mark.parametrize(
@@ -217,7 +217,7 @@ def test_the_answer_percent_takes_the_range_of_the_model(tmp_path: Path, arm: st
 
 def test_the_gains_that_lerobot_sets_are_told_of_the_robots_that_have_them(tmp_path: Path) -> None:
     """A diagnosis with the factory's gain found the converter's error."""
-    source = data_set(tmp_path / "data", "v3.0", 180.0 / np.pi, NAMES)
+    source = data_set(tmp_path / "data", "v3.0", 180.0 / np.pi, ROBOT_NAMES)
     assert "LeRobot sets P 16, I 0, D 32" in propose_for(source, tmp_path / "log").text
     info = source / "meta" / "info.json"
     info.write_text(info.read_text().replace('"so100"', '"koch_follower"'))

@@ -22,7 +22,7 @@ from sealegs.gap.checks.data_set import (
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 
 from testbed import NOISE_FLOOR, hidden_bench
-from tests.changed_logs import JOINT, signal, with_log, with_torque
+from tests.logged_robots import JOINT, signal, with_log, with_torque
 from tests.quick import quick
 
 TICK = 2 * np.pi / 4096

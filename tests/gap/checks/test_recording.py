@@ -19,7 +19,7 @@ from sealegs.gap.replay.driven import driven_problem
 from sealegs.gap.replay.joint_model import JointModel
 
 from testbed import NOISE_FLOOR, hidden_bench
-from tests.changed_logs import JOINT, signal, with_log
+from tests.logged_robots import JOINT, signal, with_log
 from tests.quick import quick
 
 CODES = ("column.held", "goal.interpolated", "goal.knots", "column.behind", "position.late", "clock.late_stamps")

@@ -21,7 +21,7 @@ from sealegs.gap.log.types import LogError, MeasuredSet
 from sealegs.gap.prepare.checking import check_log
 
 from testbed import hidden_bench
-from tests.changed_logs import JOINT
+from tests.logged_robots import JOINT
 from tests.quick import quick
 
 MODEL = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body name="cart">
