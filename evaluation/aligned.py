@@ -310,8 +310,8 @@ def _recording(run: Recording, columns: Mapping[str, np.ndarray]) -> Recording:
     """With the times and goals of ``run``; speeds are from its positions where others are unknown."""
     known = np.isfinite(columns["position"])
     velocity = velocity_of(run.time, np.where(known, columns["position"], run.position))
-    speeds: Any = {"velocity": np.where(known, velocity, np.nan)}
-    return Recording(run.time, run.goal, **columns, **speeds, rewards={})
+    velocity = np.where(known, velocity, np.nan)
+    return Recording(run.time, run.goal, velocity=velocity, **columns, rewards={}, turned=None)
 
 
 def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.ndarray:

@@ -17,6 +17,7 @@ from plotly.subplots import make_subplots
 
 from ..common.atomic import write_text
 from ..gap.output.pictures.style import COLOURS
+from ..gap.output.report import chart_html, dress
 from .comparison import MACHINE, Comparison, table, verdict
 
 PEN = {"nominal": COLOURS["nominal"], "extended": COLOURS["extended"], MACHINE: COLOURS["measured"]}
@@ -27,7 +28,6 @@ h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
 th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid #e4e4e4; white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; white-space: normal; } .small { color: #5a646e; font-size: .85rem; }
 """
-CONFIG = {"responsive": True, "displaylogo": False}
 
 
 def write_page(comparison: Comparison, path: Path) -> Path:
@@ -123,19 +123,9 @@ def _rewards(comparison: Comparison) -> str:
 
 
 def _dressed(chart: go.Figure, height: int) -> str:
-    chart.update_layout(
-        height=height,
-        margin={"l": 8, "r": 8, "t": 40, "b": 8},
-        paper_bgcolor="white",
-        plot_bgcolor="white",
-        font={"family": "system-ui, sans-serif", "size": 12, "color": "#1c2126"},
-        legend={"orientation": "h", "x": 0, "y": 1.0, "xanchor": "left", "yanchor": "bottom", "yref": "container"},
-        hovermode="x unified",
-    )
-    chart.update_layout(legend={"y": 0.999, "yanchor": "top"})
-    chart.update_xaxes(gridcolor="#e4e4e4", zerolinecolor="#e4e4e4", automargin=True)
-    chart.update_yaxes(gridcolor="#e4e4e4", zerolinecolor="#e4e4e4", automargin=True)
-    return chart.to_html(full_html=False, include_plotlyjs=False, config=CONFIG)
+    dress(chart, height)
+    chart.update_layout(margin_t=40, legend={"y": 0.999, "yanchor": "top", "yref": "container"}, hovermode="x unified")
+    return chart_html(chart)
 
 
 # --- all that it leaves ----------------------------------------------------------------------------------------------

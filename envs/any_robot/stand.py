@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ...common.errors import SealegsError
-from ..engine.model_poses import in_turn, place_followers, stand
+from ..engine.model_poses import in_turn, place_followers, stand, weight_of
 from ..engine.robot import Robot
 
 SINK = 0.03  # of the base's height: how far it is let down to find what touches; assumed
@@ -146,7 +146,7 @@ def standing(robot: Robot) -> Standing:
         qpos=at,
         dof=dof,
         height=height,
-        weight=float(mujoco.mj_getTotalmass(model)) * float(np.linalg.norm(model.opt.gravity)),
+        weight=weight_of(model),
         up=turn[2].copy(),
         forward=turn[0].copy(),
         feet=tuple(model.body(number).name for number in numbers),

@@ -56,6 +56,11 @@ def stand(model: mujoco.MjModel, pose: Pose, qpos: np.ndarray) -> None:
             qpos[..., at] = values
 
 
+def weight_of(model: mujoco.MjModel) -> float:
+    """Weight of all its bodies [N]."""
+    return float(mujoco.mj_getTotalmass(model)) * float(np.linalg.norm(model.opt.gravity))
+
+
 def numbers(model: mujoco.MjModel) -> dict[Label, int]:
     """Joints of a model; those that cannot be told apart are left out."""
     found: dict[Label, int] = {}

@@ -21,6 +21,7 @@ from ..described.robot_described import FileJoint, RobotFile, as_robot, bare_mod
 from ..described.robot_entries import FloorEntry
 from ..described.robot_step import said_again, scaled, settled
 from ..engine.batch import BatchEngine
+from ..engine.model_poses import weight_of
 
 LEG = re.compile(r"leg|foot|feet|toe|ankle|thigh|femur|knee|shank|calf|shin|tibia|coxa|haa|hfe|kfe", re.IGNORECASE)
 """What names of joints and bodies of a leg have in them."""
@@ -326,7 +327,7 @@ class _Body:
         data.qvel[:] = 0.0
         mujoco.mj_fwdVelocity(model, data)
         forces = data.qfrc_bias - data.qfrc_passive
-        weight = float(mujoco.mj_getTotalmass(model)) * float(np.linalg.norm(model.opt.gravity))
+        weight = weight_of(model)
         share = weight / len(self.legs)
         over = height + float(data.subtree_com[self._root][2] - data.xpos[self._root][2])  # the ground
         moved: dict[str, float] = {}

@@ -17,7 +17,7 @@ from ..log.finding import Finding
 from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
 from .columns import LAG_TOLERANCE
-from .signal import BLOCK_SECONDS, BOOTSTRAP_DRAWS, LAG_STEP, OTHER_ERROR_RATIO, same_unit
+from .signal import BOOTSTRAP_DRAWS, ERROR_BLOCK, LAG_STEP, OTHER_ERROR_RATIO, same_unit
 
 IMU = "imu"
 RATE_HALF_WINDOW = 2.0 * SPEED_REACH
@@ -56,7 +56,7 @@ def imu_of(run: MeasuredRun) -> ImuLog | None:
     time, values = (run.time - age)[good], values[good]
     fresh = np.diff(time, prepend=-np.inf) > 1e-6
     time, values = time[fresh], values[fresh]
-    if len(time) < 20 or time[-1] - time[0] < BLOCK_SECONDS:
+    if len(time) < 20 or time[-1] - time[0] < ERROR_BLOCK:
         return None
     size = np.linalg.norm(values[:, :4], axis=1, keepdims=True)
     return ImuLog(time, values[:, :4] / np.maximum(size, 1e-9), values[:, 4:])
@@ -142,7 +142,7 @@ def _grams(time: Array, first: Array, second: Array, lags: np.ndarray, edge: flo
     """Products of both signals, the first at later times, in blocks of the run (lags, blocks, 6, 6)."""
     step = float(np.median(np.diff(time)))
     grid = np.arange(time[0] + edge, time[-1] - edge, step)
-    blocks = max(int(len(grid) * step / BLOCK_SECONDS), 1)
+    blocks = max(int(len(grid) * step / ERROR_BLOCK), 1)
     if len(grid) < 10:
         return np.empty((len(lags), 0, 6, 6))
     still = _at(time, second, grid)

@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ..log.types import Array
 
 BOOTSTRAP_DRAWS = 300  # for an interval of a delay or shift
-BLOCK_SECONDS = 1.0  # [s] of the errors of an IMU, which are alike for shorter
+ERROR_BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
 Z95 = NormalDist().inv_cdf(0.975)  # half of a 95 % interval of normal errors, in standard deviations
 NORMAL_OVER_MEDIAN = 1.0 / NormalDist().inv_cdf(0.75)  # standard deviation over the median size, of normal errors
 

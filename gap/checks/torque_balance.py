@@ -25,7 +25,7 @@ WEAK_FORM_WINDOW = 0.12  # [s] of the weak form: short against the motion, long 
 SHIFT_REACHES = (0.04, 0.1, 0.2)
 """Largest shifts tried [s]: a further one only where the best lies at the end of the last. In a wide range alone, the
 next swing of a periodic motion may fit better than the true shift; buffers of more than 0.2 s are assumed away."""
-ERROR_BLOCK = 0.5  # [s] errors closer than this are taken as one observation
+WEAK_FORM_BLOCK = 0.5  # [s] rows closer than this are one observation
 SHIFT_BIAS = 2e-3
 """What the shift is off by on perfect data [s] (simulated logs: smoothing moves the reversals of friction)."""
 MAX_BRIDGED_GAP = WEAK_FORM_WINDOW / 4
@@ -303,7 +303,8 @@ def _weak_form(
     shifted = form.torque[inside[:, None] - steps]
     good = np.isfinite(shifted).all(axis=1)
     inside, shifted = inside[good], shifted[good]
-    return np.stack(columns, axis=1)[inside], shifted, (form.time[inside] / ERROR_BLOCK).astype(int), form.time[inside]
+    time = form.time[inside]
+    return np.stack(columns, axis=1)[inside], shifted, (time / WEAK_FORM_BLOCK).astype(int), time
 
 
 def _bridged(time: Array, torque: Array) -> Array:

@@ -23,7 +23,7 @@ from ..checks.imu import (
     smoothed,
     told_axes,
 )
-from ..checks.signal import BLOCK_SECONDS
+from ..checks.signal import ERROR_BLOCK
 from ..ground.carried import carried
 from ..ground.tree_ground import robot_under
 from ..load.robot import Frame
@@ -159,7 +159,7 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
             continue
         inside = (log.time > base.time[0]) & (log.time < base.time[-1])
         log = ImuLog(log.time[inside], log.orientation[inside], log.turn_rate[inside])
-        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * IMU_LAG_REACH + BLOCK_SECONDS:
+        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * IMU_LAG_REACH + ERROR_BLOCK:
             continue
         at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
         share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
@@ -230,7 +230,7 @@ class _Beside:
         asked = at(turns.projected_gravity(self.asked), grid - lag)
         left = max(float(np.std(down - asked, axis=0).mean()), 1e-4)
         parts = (at(self.rate, grid), at(self.asked_rate, grid - lag), down / left, asked / left)
-        count = max(int((grid[-1] - grid[0]) / BLOCK_SECONDS), 1)
+        count = max(int((grid[-1] - grid[0]) / ERROR_BLOCK), 1)
         return [_Rows(*(part[rows] for part in parts)) for rows in np.array_split(np.arange(len(grid)), count)]
 
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators.stages.motor import Thermal
+from ..checks.signal import ERROR_BLOCK
 from ..load.pendulum import bench_parameters
 from ..log.parts import LEAST_START, WARM_UP, Unit, known_commands
 from ..log.types import LogError, MeasuredRun
 from .simulator import CHANNELS
 
-BLOCK = 1.0  # [s] errors closer than this are taken as one observation, since they are not independent
 GROUP = (
     0.025  # [s] duty and current are compared as means over this long: a command that arrives a sample early is no gap
 )
@@ -82,7 +82,7 @@ def lay_out(runs: Sequence[MeasuredRun], joint: str, units: Sequence[Unit], told
         temperature.append(_without_gaps(clock[part], warm))
         judged.append((np.arange(count) >= unit.judged) & known_commands(clock, command, forgotten)[part])
         since = clock[part] - clock[unit.start]
-        number = (since / BLOCK).astype(int)
+        number = (since / ERROR_BLOCK).astype(int)
         block.append(number + blocks)
         blocks += int(number[-1]) + 1
         number = (since / GROUP).astype(int)

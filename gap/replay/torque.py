@@ -21,10 +21,10 @@ from ...actuators.stages.controller import TorqueCommand
 from ...actuators.stages.friction import Friction
 from ..checks.signal import sample_noise
 from ..checks.torque_balance import (
-    ERROR_BLOCK,
     GRID_STEP,
     SHIFT_BIAS,
     SHIFT_REACHES,
+    WEAK_FORM_BLOCK,
     WEAK_FORM_WINDOW,
     Shift,
     TorqueBalance,
@@ -351,7 +351,7 @@ def torque_problem(
     )
     blocks, count = [], 0
     for form, rows in zip(of, at, strict=True):
-        number = ((form.time[rows] - form.time[rows[0]]) / ERROR_BLOCK).astype(int)
+        number = ((form.time[rows] - form.time[rows[0]]) / WEAK_FORM_BLOCK).astype(int)
         blocks.append(number + count)
         count += int(number[-1]) + 1
     return TorqueProblem(

@@ -7,7 +7,7 @@ import math
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -41,13 +41,17 @@ class Turned:
     orientation: np.ndarray
     turn_rate: np.ndarray
 
+    @cached_property
+    def _unwrapped(self) -> np.ndarray:
+        """Orientation (m, 4) without a change of sign from sample to sample: a quaternion's negative is its turn."""
+        flips = (self.orientation[1:] * self.orientation[:-1]).sum(axis=1) < 0.0
+        return self.orientation * np.concatenate([[1.0], np.cumprod(np.where(flips, -1.0, 1.0))])[:, None]
+
     def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Orientation (n, 4) and turn rate (n, 3) at times (n,) [s], straight between samples."""
-        flips = (self.orientation[1:] * self.orientation[:-1]).sum(axis=1) < 0.0  # a quaternion's negative is its turn
-        signs = np.concatenate([[1.0], np.cumprod(np.where(flips, -1.0, 1.0))])
         turn, turn_rate = (
             np.stack([np.interp(time, self.time, column) for column in values.T], axis=1)
-            for values in (self.orientation * signs[:, None], self.turn_rate)
+            for values in (self._unwrapped, self.turn_rate)
         )
         return turn / np.linalg.norm(turn, axis=1, keepdims=True), turn_rate
 

@@ -425,9 +425,9 @@ def signals(diagnosis: JointDiagnosis, joints: int) -> tuple[str, tuple[float, f
     chart.update_yaxes(title_text=f"{line.quantity} [{line.unit}]", row=1, col=1)
     chart.update_yaxes(title_text=f"measured minus model [{unit}]", row=2, col=1)
     chart.update_xaxes(title_text="time, runs one behind the other [s]", row=2, col=1)
-    _dress(chart, 560)
+    dress(chart, 560)
     chart.update_layout(hovermode="x unified", dragmode="zoom")
-    return _html(chart), worst_window(line, min(LAYOUT.moment, float(line.x[-1] - line.x[0])))
+    return chart_html(chart), worst_window(line, min(LAYOUT.moment, float(line.x[-1] - line.x[0])))
 
 
 def excitation(proposal: Experiment) -> str:
@@ -437,11 +437,12 @@ def excitation(proposal: Experiment) -> str:
     )
     chart.update_xaxes(title_text="time [s]")
     chart.update_yaxes(title_text="goal [rad]")
-    _dress(chart, 280)
-    return _html(chart)
+    dress(chart, 280)
+    return chart_html(chart)
 
 
-def _dress(chart: go.Figure, height: int) -> None:
+def dress(chart: go.Figure, height: int) -> None:
+    """Give a chart the look of all charts, and a height [pixels]."""
     chart.update_layout(
         height=height,
         margin={"l": 8, "r": 8, "t": 8, "b": 8},
@@ -458,5 +459,6 @@ def _small(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, np.float32)
 
 
-def _html(chart: go.Figure) -> str:
+def chart_html(chart: go.Figure) -> str:
+    """HTML of a chart, for a page that has plotly's script."""
     return chart.to_html(full_html=False, include_plotlyjs=False, config=CONFIG)
