@@ -30,10 +30,9 @@ from typing import Any
 
 import yaml
 
-from ..common.atomic import finish_replacements, folder_written, write_text
+from ..common.atomic import finish_replacements, folder_written, fresh, write_text
 from ..common.documents import DocumentError, read_json, read_mapping, read_yaml
 from ..common.errors import SealegsError
-from ..common.fresh_names import fresh
 from ..envs.any_robot.user import file_of, is_user_task
 from ..envs.described.model_sources import files_read
 from ..envs.described.robot_described import RobotFile

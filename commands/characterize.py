@@ -15,7 +15,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..common.fresh_names import fresh
+from ..common.atomic import fresh
 
 
 def main(arguments: list[str]) -> None:

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from ..common.atomic import fresh
 from ..common.documents import read_json
 from ..common.errors import SealegsError
-from ..common.fresh_names import fresh
 
 SERVO = "sv1270tg"
 # What the bench may hide, by the parameter that shows it: name of the cause, and range that the size is drawn from.

@@ -20,8 +20,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from ..common.atomic import fresh
 from ..common.errors import SealegsError
-from ..common.fresh_names import fresh
 from ..configs.script import Interrupted
 
 DIAGNOSES = Path("diagnoses")

@@ -18,7 +18,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
-from ..common.fresh_names import fresh
+from ..common.atomic import fresh
 
 PLAIN = ("paper", "out", "policy", "task", "nominal", "extended", "port", "calibration", "hw.virtual.hidden")
 

@@ -19,10 +19,9 @@ from typing import Any
 
 import yaml
 
-from ..common.atomic import write_text
+from ..common.atomic import fresh, write_text
 from ..common.documents import read_json, read_yaml
 from ..common.errors import SealegsError, nearest
-from ..common.fresh_names import fresh
 from ..configs.script import Interrupted
 
 BENCH_LOADS = [{"mass": 0.25, "length": 0.10}, {"mass": 0.5, "length": 0.12}]

@@ -15,8 +15,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..common.atomic import write_text
-from ..common.fresh_names import fresh
+from ..common.atomic import fresh, write_text
 
 WORD = "relevant"
 FLOATING, FIXED = 0.15, 0.8  # amplitude where it is not given

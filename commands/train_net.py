@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from ..actuators.gravity import GRAVITY
+from ..common.atomic import fresh
 from ..common.errors import SealegsError, nearest
-from ..common.fresh_names import fresh
 from ..configs.script import Interrupted
 
 if TYPE_CHECKING:

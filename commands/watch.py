@@ -16,9 +16,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..common.atomic import written
+from ..common.atomic import fresh, written
 from ..common.errors import SealegsError
-from ..common.fresh_names import fresh
 
 
 def main(arguments: list[str]) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ..engine.single import SingleEnv
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from .drive import DriveTask
 from .reach import ReachTask
 from .track import TrackTask

@@ -24,9 +24,8 @@ import gymnasium as gym
 from ...common import plugins
 from ...common.errors import SealegsError, nearest
 from ..engine.arguments import TaskShell
-from ..engine.single import SingleEnv
 from ..engine.task import Task
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 
 _WORD = re.compile(r"(?P<path>.+\.py):(?P<name>\w+)")
 INSTALLED = "plugins/"

@@ -9,9 +9,8 @@ from functools import cache
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.single import SingleEnv
 from ..engine.task import Motion, Task, drawn, option
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from .kinematics import Lengths, tool
 from .robot import ARM
 from .tables import JOINTS

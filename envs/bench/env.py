@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.single import SingleEnv
 from ..engine.task import Motion, Task, option
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from .robot import BENCH, JOINT
 
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
-from ..engine.single import SingleEnv
 from ..engine.task import Motion, Task, drawn, option
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from .drive import ANGLE, SHAPE
 from .gait import HoppingGait, WalkingGait
 from .kinematics import feet, place, segments

@@ -15,9 +15,8 @@ from ...common.errors import SealegsError
 from ...common.extras import needed_for
 from .. import registered_id
 from .batch import BatchEngine
-from .single import action_space, observation_space
 from .task import Step, Task
-from .vector import BatchVectorEnv
+from .vector import BatchVectorEnv, action_space, observation_space
 
 with needed_for("A vector environment for Stable-Baselines3"):
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn

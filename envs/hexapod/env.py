@@ -9,9 +9,8 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...actuators.gravity import GRAVITY
-from ..engine.single import SingleEnv
 from ..engine.task import ModulatedTask, Motion, drawn, option
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from . import gait
 from .gait import PERIOD
 from .kinematics import Joints, foot_from_joints, leg_angle, link_angles, stance

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.single import SingleEnv
 from ..engine.task import Motion, Task, drawn, option
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from .robot import FOOT, HIP, HOPPER, KNEE, LOWER, leg_length
 
 SLOWEST = 0.1  # [m/s] below this, errors of speed count in absolute terms

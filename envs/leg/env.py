@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...actuators import Drivetrain
-from ..engine.single import SingleEnv
 from ..engine.task import ModulatedTask, Motion, drawn, option
-from ..engine.vector import BatchVectorEnv
+from ..engine.vector import BatchVectorEnv, SingleEnv
 from . import path
 from .kinematics import angles, foot
 from .robot import JOINTS, LEG

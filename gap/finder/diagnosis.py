@@ -4,43 +4,33 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from ...actuators.chain import Chain
 from ...common.bugs import Unforeseen, apart
 from ...common.errors import SealegsError
-from ..causes.catalogue import adjustable, catalogue, checked
-from ..causes.load import with_stops
-from ..causes.unknown import with_believed_load
-from ..causes.visible import limits as limits_of_driven
-from ..causes.visible import shown
-from ..checks.data_set import shows_little
+from ..causes.catalogue import checked
 from ..checks.imu import IMU
-from ..checks.stops import stops_of, told_stops
 from ..experiment import Experiment, Limits, blind_spots, detection_limits, experiment_for_still, propose
 from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.types import OF_CHAINS, Array, LogError, MeasuredSet
+from ..log.types import OF_CHAINS, Array, MeasuredSet
 from ..measure.belief import measured_within_belief
 from ..measure.case import Case, Replay
+from ..measure.confidence import telling
 from ..measure.measured import Measured, measure
 from ..measure.named import WITHDRAWN
-from ..measure.shares import telling
 from ..measure.unseen import unseen_range
 from ..prepare.checking import check_log
 from ..prepare.columns import chosen, commanded
 from ..prepare.frames import DOUBTED, in_likely_frames
-from ..prepare.pieces import cut_joint, fit_runs, named_chain, with_neighbours
+from ..prepare.pieces import named_chain, with_neighbours
 from ..prepare.request import Request
 from ..prepare.resting import without_rests
-from ..replay.driven import as_read, driven_problem
-from ..replay.free import free_problem
 from ..replay.joint_model import JointModel
-from ..replay.problem import converged
-from ..replay.tree import HELD
 from ..robot.encoders import beside_tilt
 from ..robot.joints import Asked
 from ..robot.judged import with_robot
@@ -53,14 +43,11 @@ from ..robot.together import (
     with_latency,
     with_supply,
 )
-from ..search.channels import weigh_channels
-from ..search.delays import with_started_delays
 from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
 from ..search.seek import seek
 from ..search.settings import DEFAULT, SearchSettings
-from ..search.windows import in_windows
-from ..verdict.decide import decide, refuse, refuse_divergence
+from ..verdict.decide import decide, refuse
 from ..verdict.verdict import (
     EXPLAINED,
     NOT_IDENTIFIABLE,
@@ -72,9 +59,9 @@ from ..verdict.verdict import (
     recording_reasons,
     rivals_of,
 )
+from .case import NotReplayed, joint_case, judged_by_replay, replay_of_torque, with_believed_loads
 from .imu import beside, diagnose_imu
 from .parallel import side_by_side
-from .torque import replay_of_torque
 
 LOGGER = logging.getLogger("sealegs")
 
@@ -240,8 +227,8 @@ def diagnose_joint(
     """
     mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     if not _is_commanded(machine, joint):  # only its torque can be judged
-        replay, mine = replay_of_torque(_with_believed_loads(machine).runs, joint, mine, request)
-        case = replace(_judged(joint, replay), findings=mine)
+        replay, mine = replay_of_torque(with_believed_loads(machine).runs, joint, mine, request)
+        case = replace(judged_by_replay(joint, replay), findings=mine)
         return conclude(case, _search(case, request), request)
     case = joint_case(machine, joint, mine, request, more)
     if isinstance(case, NotReplayed):
@@ -333,7 +320,7 @@ def _diagnose_ground(machine: Machine, joints: Sequence[JointDiagnosis], request
     request.progress("measuring the gain on pieces that nothing has seen")
     measured = measure(replay, sought.search, GROUND, request.seed)
     findings = tuple(sought.findings(measured.values, complete=len(chains) == len(joints)))
-    return _decide(_judged(GROUND, replay), sought.search, measured, request, findings)
+    return _decide(judged_by_replay(GROUND, replay), sought.search, measured, request, findings)
 
 
 def conclude(case: Case, search: Search, request: Request) -> JointDiagnosis:
@@ -344,84 +331,6 @@ def conclude(case: Case, search: Search, request: Request) -> JointDiagnosis:
 
 
 # --- the steps ---------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class NotReplayed:
-    """A joint that cannot be replayed: why, and what is to be said of it nevertheless."""
-
-    why: Refused
-    findings: tuple[Finding, ...]
-
-
-def joint_case(
-    machine: Machine,
-    joint: str,
-    findings: tuple[Finding, ...],
-    request: Request,
-    more: Sequence[Array] | None = None,
-) -> Case | NotReplayed:
-    """A joint ready to be searched: replayed freely on a bench or in a tree, driven where what holds its link is not
-    known.
-
-    Args:
-        machine, joint: that were logged.
-        findings: about the log of the joint.
-        request: what was asked for.
-        more: as of :func:`diagnose_joint`.
-
-    Raises:
-        LogError: the runs name no actuator for it, or are too short.
-    """
-    machine = _with_believed_loads(machine)
-    pieces = cut_joint(machine, joint, request.test_group, more)
-    first = pieces.models[0]
-    causes = catalogue(first, request.causes)
-    layout = (pieces.runs, joint, pieces.models, pieces.units)
-    stops = stops_of(pieces.runs, joint, first.axis.reach)
-    findings = (*findings, *pieces.findings)
-    seen = told_stops(stops, joint, first.axis.unit("rad"))
-    wide, tuned = adjustable(first, request.search.refitted_by), adjustable(first)
-    hidden: Sequence[str] = ()
-    if pieces.terms is not None or all(run.robot == "bench" for run in pieces.runs):
-        free = converged(free_problem(*layout, {"position": 1.0 / pieces.noise}, pieces.terms))
-        if (lost := refuse_divergence(free, joint)) is not None:
-            return NotReplayed(lost, findings)
-        fitted = stops_of(fit_runs(pieces), joint, first.axis.reach)
-        problem, causes = weigh_channels(free, request.search), with_stops(causes, fitted, first)
-        fitting = in_windows(problem, wide, request.search)
-    else:
-        told = any(finding.code == "columns.before_goal" for finding in findings)
-        try:
-            driven = as_read(driven_problem(*layout, pieces.noise), told=told)
-        except LogError as error:
-            held = next((f"{finding.sentence} " for finding in pieces.findings if finding.code == HELD), "")
-            why = f"{held}{'Along that motion: ' if held else ''}{error}"
-            return NotReplayed(Refused(f"'{joint}'", why, usable=True), findings)
-        causes, hidden = shown(driven, first, causes)
-        request.progress(f"judging the actuator of {joint} along its measured motion")
-        problem = fitting = weigh_channels(converged(driven), request.search)
-        seen = (*seen, *limits_of_driven(driven, joint, hidden))
-    replay = Replay(
-        problem, fitting, wide, tuned, with_started_delays(fitting, causes, request.search), stops, pieces.along
-    )
-    return replace(
-        _judged(joint, replay),
-        findings=(*findings, *seen),
-        still=shows_little(machine.runs, joint),
-        frames=machine[0].meta.get("frames"),
-        hidden=tuple(hidden),
-    )
-
-
-def _with_believed_loads(machine: Machine) -> Machine:
-    return Machine.of(with_believed_load(run) for run in machine)
-
-
-def _judged(joint: str, replay: Replay) -> Case:
-    """A joint, or the ground, by the signal that its replay is judged by."""
-    signal, unit = replay.problem.signal
-    return Case(joint, signal=signal if "." in signal else f"{joint}.{signal}", unit=unit, replay=replay)
 
 
 def _search(case: Case, request: Request) -> Search:

@@ -25,9 +25,8 @@ from ..search.sketch import most_iterations
 from ..search.structure import Structure, structure, told_in
 from .adrift import begun_fit, left_by
 from .case import Replay
-from .confidence import THRESHOLDS, Adrift, Thresholds, as_noise_allows, confidence, law_error, standing
+from .confidence import THRESHOLDS, Adrift, Thresholds, as_noise_allows, by_effect, confidence, law_error, standing
 from .named import Error, NamedCause, OpenCause, Value
-from .shares import by_effect
 from .signatures import Signature, disagreeing, signatures
 from .unseen import (
     Handed,

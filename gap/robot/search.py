@@ -18,8 +18,8 @@ from ..load.robot import LoggedRobot
 from ..log.parts import FIT_A, FIT_B
 from ..log.progress import Progress
 from ..log.types import Array, MeasuredRun
+from ..measure.confidence import by_effect, with_shares
 from ..measure.measured import Measured
-from ..measure.shares import by_effect, with_shares
 from ..replay.flattened import flattened
 from ..replay.parameters import BAR, Parameter, address
 from ..replay.problem import JointProblem

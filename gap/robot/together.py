@@ -13,10 +13,9 @@ import numpy as np
 from ...common.errors import SealegsError
 from ..load.terms import T_DRAWN
 from ..measure.case import ROBOT, Case, Replay
-from ..measure.confidence import standing
+from ..measure.confidence import moved, standing, with_shares
 from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, Value
-from ..measure.shares import moved, with_shares
 from ..prepare.request import Request
 from ..replay.parameters import numbers
 from ..replay.problem import NOISE_FLOORS, Problem

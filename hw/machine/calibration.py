@@ -22,9 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 import yaml
 
-from ...common.atomic import write_text
+from ...common.atomic import STAMP, write_text
 from ...common.errors import SealegsError
-from ...common.fresh_names import STAMP
 from ...configs.check import Count, checked
 from ...configs.script import run
 from ...envs.engine.base import BaseLayout

@@ -9,9 +9,9 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from ...common.atomic import STAMP
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError
-from ...common.fresh_names import STAMP
 from ...configs.check import Natural, Positive, checked, checked_fields
 from ...envs.engine.robot import Robot
 from ..bus.registers import ServoModel

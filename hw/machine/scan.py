@@ -25,7 +25,7 @@ from ..bus.adapters import advice
 from ..bus.packets import BusError, NotWrittenError, PortError, faults, in_words
 from ..bus.registers import ServoModel, load_model, model_names
 from ..bus.servo_bus import ServoBus
-from .unlike import unlike_the_factory
+from .robot import unlike_the_factory
 
 TIMEOUT = 0.02  # [s] for a reply, until it is known how fast this adapter is
 TRIES = 3  # a servo that is asked for by its id is not given up for one reply that came late

@@ -15,8 +15,8 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from ...common.alarm import to_stderr
+from ...common.atomic import fresh
 from ...common.errors import SealegsError
-from ...common.fresh_names import fresh
 from ...configs.check import checked, checked_seed
 from ...envs.bench.robot import BENCH
 from ...envs.robots import get_robot
@@ -30,8 +30,7 @@ from ..guard.stop import REASON as EMERGENCY
 from ..guard.supervisor import Rest, Supervisor
 from ..machine.calibration import as_row
 from ..machine.calibration_file import newest
-from ..machine.robot import ServoRobot, build_robot, extended_robot
-from ..machine.unlike import unlike_the_factory, unlike_the_file
+from ..machine.robot import ServoRobot, build_robot, extended_robot, unlike_the_factory, unlike_the_file
 from .asked import KEYS, asked_for
 from .commands import Commands, PolicyCommands, Reference, park_motion, read_excitation, read_replay
 from .connection import Opened, charge_of, checked_hw, opened_bus, opened_imu, opened_port

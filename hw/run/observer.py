@@ -11,7 +11,7 @@ from ...envs.contract import Contract, goal_scale
 from ...envs.engine.base import BaseLayout, euler, quaternion
 from ...envs.engine.task import ModulatedTask, Motion, Task
 from ...envs.engine.turns import inverse, multiply
-from ..machine.reading import BaseTurn
+from ..machine.joints import BaseTurn
 from ..machine.robot import Reading, ServoRobot
 
 

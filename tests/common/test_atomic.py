@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from sealegs.commands import cli, loop
-from sealegs.common import fresh_names
+from sealegs.common import atomic
 from sealegs.common.atomic import REPLACED, UNFINISHED, finish_replacements, folder_written, write_text, written
 
 from tests.servo_runs import PATIENT
@@ -101,18 +101,18 @@ class Standing(datetime):
 
 @pytest.fixture(autouse=True)
 def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fresh_names, "datetime", Standing)
+    monkeypatch.setattr(atomic, "datetime", Standing)
 
 
 def test_a_name_that_is_taken_with_another_ending_gets_a_number(tmp_path: Path) -> None:
-    first = fresh_names.fresh(tmp_path / "missing", "run", ".csv")
+    first = atomic.fresh(tmp_path / "missing", "run", ".csv")
     assert first == tmp_path / "missing" / "run-20260131-120000.csv"
     first.parent.mkdir()
     first.with_suffix(".yaml").touch()
-    second = fresh_names.fresh(first.parent, "run", ".csv")
+    second = atomic.fresh(first.parent, "run", ".csv")
     assert second.name == "run-20260131-120000-2.csv"
     second.touch()
-    assert fresh_names.fresh(first.parent, "run").name == "run-20260131-120000-3"
+    assert atomic.fresh(first.parent, "run").name == "run-20260131-120000-3"
 
 
 def test_two_deployments_within_a_second_write_two_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

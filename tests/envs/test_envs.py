@@ -26,9 +26,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
 from sealegs.envs.engine.arguments import Argument, arguments, table
 from sealegs.envs.engine.sb3 import BatchVecEnv
-from sealegs.envs.engine.single import SingleEnv
 from sealegs.envs.engine.task import option
-from sealegs.envs.engine.vector import BatchVectorEnv
+from sealegs.envs.engine.vector import BatchVectorEnv, SingleEnv
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.robots import get_robot
 from stable_baselines3.common.env_checker import check_env as check_sb3

@@ -13,7 +13,7 @@ import sealegs  # noqa: F401 registers
 from sealegs.actuators import load_chain, load_chain_set
 from sealegs.actuators.layout import S_CURRENT, S_TORQUE, S_VOLTAGE
 from sealegs.common.errors import SealegsError
-from sealegs.envs.engine.single import SingleEnv
+from sealegs.envs.engine.vector import SingleEnv
 from sealegs.envs.hexapod import gait as modulated
 from sealegs.envs.hexapod.env import HexapodEnv, HexapodTask
 from sealegs.envs.hexapod.gait import MODULATED, PERIOD, Tripod

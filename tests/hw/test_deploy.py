@@ -21,8 +21,7 @@ from sealegs.gap.experiment import library
 from sealegs.gap.experiment.proposal import Experiment, write_experiment
 from sealegs.gap.log import JointLog, MeasuredRun, read_measured, write_run
 from sealegs.hw.machine.limits import Limits
-from sealegs.hw.machine.robot import build_robot
-from sealegs.hw.machine.unlike import unlike_the_factory, unlike_the_file
+from sealegs.hw.machine.robot import build_robot, unlike_the_factory, unlike_the_file
 from sealegs.hw.run import deployment
 from sealegs.hw.run.commands import read_excitation, read_replay
 from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events

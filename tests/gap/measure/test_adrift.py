@@ -21,9 +21,8 @@ from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.adrift import adrift, begun_fit, left_by, with_starts
-from sealegs.gap.measure.confidence import Adrift
+from sealegs.gap.measure.confidence import Adrift, telling
 from sealegs.gap.measure.named import CERTAIN, WITHDRAWN, Error, NamedCause, OpenCause
-from sealegs.gap.measure.shares import telling
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.joint_model import Axis, JointModel

@@ -14,8 +14,7 @@ from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.reader import read_measured
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure import belief
-from sealegs.gap.measure.confidence import Adrift
-from sealegs.gap.measure.shares import by_effect
+from sealegs.gap.measure.confidence import Adrift, by_effect
 from sealegs.gap.output.pictures.first_look import budget_slices
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.search.alike import with_alike
