@@ -23,7 +23,7 @@ from sealegs.configs.script import Interrupted
 
 from benchmarks import learning
 from benchmarks.learning import Bar, interval, page
-from tests.agents.short_training import SMALL, run
+from tests.agents.training_runs import SHORT, run
 
 
 def test_the_interquartile_mean_leaves_out_the_outer_quarters() -> None:
@@ -52,7 +52,7 @@ def test_the_interval_of_many_normal_seeds_is_that_of_theory() -> None:
 def test_seeds_that_are_none_are_one_sentence(
     words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(*SMALL, f"out={tmp_path}", *words) == 2
+    assert run(*SHORT, f"out={tmp_path}", *words) == 2
     said = capsys.readouterr().err
     assert sentence in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
 
@@ -68,7 +68,7 @@ def test_a_stopped_run_of_seeds_goes_on_without_repeating_the_finished(
         learn(session)
 
     monkeypatch.setattr(training.Session, "learn", stops_at_the_second)
-    assert run(*SMALL, "seed=[3,5,8]", f"out={tmp_path}", "name=mine") == 130
+    assert run(*SHORT, "seed=[3,5,8]", f"out={tmp_path}", "name=mine") == 130
     folder = tmp_path / "mine"
     assert f"sealegs train resume={folder}" in capsys.readouterr().err
     first = (folder / "seed3" / "final" / "policy.safetensors").read_bytes()
@@ -96,8 +96,8 @@ def test_a_stopped_run_of_seeds_goes_on_without_repeating_the_finished(
 
 
 def test_a_seed_of_several_is_the_run_of_that_seed(tmp_path: Path) -> None:
-    assert run(*SMALL, "seed=[4,7]", f"out={tmp_path}", "name=both") == 0
-    assert run(*SMALL, "seed=7", f"out={tmp_path}", "name=one") == 0
+    assert run(*SHORT, "seed=[4,7]", f"out={tmp_path}", "name=both") == 0
+    assert run(*SHORT, "seed=7", f"out={tmp_path}", "name=one") == 0
     both, one = tmp_path / "both" / "seed7", tmp_path / "one"
     assert yaml.safe_load((both / "config.yaml").read_text()) == yaml.safe_load((one / "config.yaml").read_text())
     policies = [(folder / "final" / "policy.safetensors").read_bytes() for folder in (both, one)]
@@ -105,7 +105,7 @@ def test_a_seed_of_several_is_the_run_of_that_seed(tmp_path: Path) -> None:
 
 
 def test_nothing_is_tracked_unless_asked_for() -> None:
-    config: Any = read_config(SMALL).config
+    config: Any = read_config(SHORT).config
     assert config.wandb is None
 
 
@@ -114,7 +114,7 @@ def test_offline_curves_stay_in_the_run_and_go_on_with_it(tmp_path: Path, monkey
     wandb = pytest.importorskip("wandb")
     monkeypatch.setenv("WANDB_MODE", "offline")
     folder = tmp_path / "first"
-    assert run(*SMALL, "wandb=tests", f"out={tmp_path}", "name=first") == 0
+    assert run(*SHORT, "wandb=tests", f"out={tmp_path}", "name=first") == 0
     wandb.teardown()  # its service writes the file, and has written all of it only once it has ended
     (file,) = folder.glob("wandb/offline-run-*/run-*.wandb")
     identity = (folder / "wandb.txt").read_text()
@@ -129,7 +129,7 @@ def test_without_the_package_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "wandb", None)
-    assert run(*SMALL, "wandb=tests", f"out={tmp_path}", "name=first") == 2
+    assert run(*SHORT, "wandb=tests", f"out={tmp_path}", "name=first") == 2
     assert "wandb=tests needs the package wandb: pip install 'sealegs[wandb]'" in capsys.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""Short training runs, in this process and in one that can be killed, and what their folders hold."""
+"""Short training runs, one of them of a second, here and in a process that can be killed, and what they leave."""
 
 from __future__ import annotations
 
@@ -67,3 +67,11 @@ def events(run_folder: Path) -> EventAccumulator:
 def contents(folder: Path) -> dict[str, bytes]:
     """Every file below ``folder``."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+# --- trainings of a bench that take a second, run in the process of a test -------------------------------------------
+
+SHORT = [
+    "env=bench", "n_envs=2", "total_timesteps=128", "agent.n_steps=32", "agent.batch_size=32", "agent.n_epochs=1",
+    "agent.policy_kwargs.net_arch=[8]", "evaluate.every=64", "evaluate.episodes=2", "video.seconds=0",
+]  # fmt: skip
