@@ -6,7 +6,6 @@ What is done is a file in the study's folder. A study that was stopped goes on w
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -20,7 +19,7 @@ import numpy as np
 from ...common.atomic import write_text
 from ...common.documents import read_json
 from ...common.errors import SealegsError
-from ...common.processes import exit_with_parent
+from ...common.processes import worker_pool
 from .cells import FINE, LIMIT, NOMINAL, REFERENCES, SCREENING, TREATMENTS, Cell, Recipe, diagnosed, judged
 from .figures import Errors, errors_of, figures_of, table
 from .machines import Hidden, check_robot, hidden_in
@@ -74,7 +73,8 @@ def run(study: Study, out: Path, workers: int, say: Say) -> dict[str, Any]:
     """
     study.check()
     _same(study, out)
-    with _Workers(workers, say) as pool:
+    with worker_pool(workers) as processes:
+        pool = _Workers(processes, say)
         chosen: list[Hidden] = []
         passed_over: list[str] = []
         for robot in study.robots:
@@ -191,28 +191,16 @@ def _same(study: Study, out: Path) -> None:
     write_text(file, json.dumps(_plain(study), indent=1) + "\n", replace=True)
 
 
+@dataclass(frozen=True)
 class _Workers:
     """Processes that do jobs, each a call without a result that finds by itself what is done."""
 
-    def __init__(self, count: int, say: Say) -> None:
-        self._count, self._say = count, say
-        self._pool: ProcessPoolExecutor | None = None
-
-    def __enter__(self) -> _Workers:
-        context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(self._count, context, exit_with_parent)
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        assert self._pool is not None
-        self._pool.shutdown(wait=not any(raised), cancel_futures=True)
-        for process in multiprocessing.active_children() if any(raised) else ():
-            process.terminate()
+    pool: ProcessPoolExecutor
+    say: Say
 
     def all(self, what: str, jobs: Iterable[Callable[[], None]]) -> None:
         """Do all jobs; what goes wrong is raised here."""
-        assert self._pool is not None
-        began, left = time.monotonic(), {self._pool.submit(job) for job in jobs}
+        began, left = time.monotonic(), {self.pool.submit(job) for job in jobs}
         total = len(left)
         while left:
             ended: set[Future[None]]
@@ -221,4 +209,4 @@ class _Workers:
                 future.result()
             done, spent = total - len(left), time.monotonic() - began
             rest = f", about {spent / done * len(left) / 60.0:.0f} min left" if left and spent > 5.0 else ""
-            self._say(f"{what}: {done} of {total}{rest}")
+            self.say(f"{what}: {done} of {total}{rest}")

@@ -6,18 +6,17 @@ import multiprocessing
 import os
 import queue
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
-from multiprocessing.context import SpawnContext
 from multiprocessing.managers import SyncManager
 from pathlib import Path
 from typing import Any
 
 from ...common import plugins
 from ...common.bugs import apart
-from ...common.processes import cores, exit_with_parent
+from ...common.processes import cores, exit_with_parent, worker_pool
 from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.progress import Milestone, Progress
@@ -75,12 +74,7 @@ def side_by_side(
     threads = _threads()  # all for each: as joints are done, the others have the cores to themselves
     found: dict[str, JointDiagnosis] = {}
     request.progress(f"diagnosing {len(joints)} joints, {size} at a time")
-    context, before = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
-    with (
-        _waiting_asleep(),
-        _lines(context) as said,
-        ProcessPoolExecutor(size, context, _begin, (threads,)) as pool,
-    ):
+    with _waiting_asleep(), _lines() as said, worker_pool(size, _begin, (threads,)) as pool:
         asked: dict[Future[JointDiagnosis], str] = {}
         for joint, diagnose in tasks.items():
             own = replace(request, progress=Said(joint, said))
@@ -99,11 +93,6 @@ def side_by_side(
                         request.progress(_ended(found[joint], len(joints) - len(found) - len(failed)))
         except BrokenProcessPool:
             request.progress("a process ended without a result; going on in this one")
-        except BaseException:  # also when the person stops it
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in set(multiprocessing.active_children()) - before:
-                process.terminate()
-            raise
     for joint in joints:
         if joint not in found and joint not in failed:
             with keeping(_beside(fits, joint)), kept(joint):
@@ -156,9 +145,9 @@ class Said:
 
 
 @contextmanager
-def _lines(context: SpawnContext) -> Iterator[Any]:
+def _lines() -> Iterator[Any]:
     """A queue between processes, whose own ends with this one; None where it cannot be had."""
-    manager = SyncManager(ctx=context)
+    manager = SyncManager(ctx=multiprocessing.get_context("spawn"))
     try:
         manager.start(exit_with_parent)
         lines = manager.Queue()
