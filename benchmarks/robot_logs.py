@@ -22,7 +22,7 @@ import pyarrow.parquet
 import scipy.io
 import yaml
 from sealegs.gap.finder.diagnosis import diagnose
-from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.verdict import JointDiagnosis
 

@@ -12,8 +12,8 @@ import numpy as np
 from ..common.bugs import Unforeseen
 from ..common.errors import SealegsError
 from .diagnosis import Diagnosis
-from .log.arrays import InMemory, measured_set
 from .log.progress import Progress
+from .log.reader import InMemory, measured_set
 from .log.types import MeasuredSet
 
 

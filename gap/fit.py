@@ -9,7 +9,7 @@ from typing import Any
 
 from ..common.errors import SealegsError, nearest
 from .causes import Cause, JointModel, Parameter, factor
-from .log.arrays import InMemory
+from .log.reader import InMemory
 from .replay.comparison import rms
 
 Bounds = tuple[float, float] | None
@@ -99,7 +99,7 @@ def fit(
 
         data: MeasuredSet = read_bounded(Path(log), progress=lambda text: None)
     else:
-        from .log.arrays import measured_set
+        from .log.reader import measured_set
 
         data = measured_set(log, sidecar)
     if isinstance(parameters, str):

@@ -12,13 +12,12 @@ from sealegs.envs.robots import get_robot
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual import protocol
-from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.in_process import SimulatedPort
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.protocol import Request
 from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.wire import Wire
+from sealegs.hw.virtual.wire import Wire, fault_from
 
 STS = load_model("sts3215")
 STEP = 2.0 * math.pi / STS.resolution  # [rad]

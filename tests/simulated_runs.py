@@ -25,11 +25,10 @@ from sealegs.hw.run.connection import bus_watchdog
 from sealegs.hw.run.loop import ControlLoop, Outcome
 from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar
 from sealegs.hw.run.policy import Policy, PolicyError
-from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.in_process import SimulatedClock, SimulatedPort
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
-from sealegs.hw.virtual.wire import Wire
+from sealegs.hw.virtual.wire import Wire, fault_from
 
 from benchmarks.bus import servo_row
 from tests.servo_runs import config

@@ -15,11 +15,10 @@ from ...common.errors import SealegsError, nearest
 from ...configs.check import checked_fields
 from ..engine import turns
 from ..engine.base import BaseLayout, quaternion
-from ..engine.imu import Imu, Spread
+from ..engine.imu import KINDS, Imu, Kind, Spread, Switch
 from ..engine.model_poses import stand
 from ..engine.numbers import RobotError
 from ..engine.robot import Robot
-from ..engine.switches import KINDS, Kind, Switch
 from .robot_entries import ImuEntry, SwitchEntry
 
 NAMED_IMU = re.compile(r"(?:^|[\W_])imu(?:$|[\W_\d])", re.IGNORECASE)

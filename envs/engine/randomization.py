@@ -33,8 +33,7 @@ from ...actuators.layout import P_STATE_SIZE
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
 from .base import BaseLayout
-from .scene import FLOOR
-from .terrain import floors
+from .scene import FLOOR, floors
 
 
 class RandomizationError(SealegsError):

@@ -14,10 +14,9 @@ import mujoco
 
 from ...actuators import Chain, DrivenCoordinate, Drivetrain, load_chain, load_chain_set
 from ...common.errors import nearest
-from .imu import Imu
+from .imu import Imu, add_switches
 from .model_poses import Pose
 from .numbers import Effect, Number, RobotError
-from .switches import add_switches
 
 if TYPE_CHECKING:
     from ..described.robot_described import RobotFile

@@ -14,8 +14,7 @@ from ...actuators import Chain
 from ...common.errors import nearest
 from ...envs.bench.robot import BARE
 from ...envs.described.robot_file import is_robot_file
-from ..load.load import Load
-from ..load.pendulum import PendulumLoad
+from ..load.load import Load, PendulumLoad
 from ..log.types import LogError, MeasuredRun
 from ..replay.parameters import Parameter, address, factor
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..load.pendulum import PendulumLoad, completed
+from ..load.load import PendulumLoad, completed
 from ..load.resting import REVERSAL_SPEED
 from ..log.finding import Finding
 from ..log.torque_side import numbers_and_spread, said_side, side_by_load

@@ -17,7 +17,7 @@ from ..causes.unknown import unknown_parameters
 from ..checks.data_set import noise_floor
 from ..checks.signal import derivatives
 from ..experiment import Along
-from ..load.pendulum import hung
+from ..load.load import hung
 from ..load.robot import LoggedRobot, Machine
 from ..load.terms import T_OWN, T_SIZE
 from ..load.tree import Motion

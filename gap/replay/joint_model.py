@@ -18,8 +18,7 @@ from ...actuators.layout import P_VISCOUS
 from ...actuators.stages import Stage, stage_of
 from ...actuators.stages.base import ChainError
 from ...envs.bench.stops import STOP_DAMPING, STOP_STIFFNESS
-from ..load.load import Load
-from ..load.pendulum import PendulumLoad
+from ..load.load import Load, PendulumLoad
 from .constants import Constants
 from .parameters import Parameter, Target, absolute, address
 

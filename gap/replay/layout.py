@@ -13,7 +13,7 @@ import numpy as np
 
 from ...actuators.stages.motor import Thermal
 from ..checks.signal import ERROR_BLOCK
-from ..load.pendulum import bench_parameters
+from ..load.load import bench_parameters
 from ..log.parts import LEAST_START, WARM_UP, Unit, known_commands
 from ..log.types import LogError, MeasuredRun
 from .simulator import CHANNELS

@@ -33,7 +33,7 @@ from ..checks.torque_balance import (
     averaged,
     shifted_balance,
 )
-from ..load.pendulum import PendulumLoad, bench_parameters, hung
+from ..load.load import PendulumLoad, bench_parameters, hung
 from ..load.resting import REVERSAL_SPEED
 from ..log.parts import FIT_A, FIT_B, TEST, Unit
 from ..log.torque_side import Reason, TorqueSide, said_side, side_by_load

@@ -16,7 +16,7 @@ from ...common.errors import SealegsError, nearest
 from ...common.extras import needed_for
 from ...configs.check import Count, Natural, checked_fields
 from ...envs.engine.base import quaternion
-from ...envs.engine.switches import PREFIX
+from ...envs.engine.imu import PREFIX
 from .imu import ImuError, ImuSource, ThreadedImu, Tilt
 
 

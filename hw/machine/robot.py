@@ -16,9 +16,8 @@ from ...configs.check import checked
 from ...envs.contract import Contract, ContractError, chain_hash, robot_hash
 from ...envs.described.robot_imu import with_imu
 from ...envs.engine.base import BaseLayout
-from ...envs.engine.imu import GIVES
+from ...envs.engine.imu import GIVES, PREFIX
 from ...envs.engine.robot import Robot, check_position_goals, torque_driven
-from ...envs.engine.switches import PREFIX
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
 from ..bus.imu import ImuSample

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...common.errors import SealegsError
-from ...envs.engine.imu import COLUMNS
-from ...envs.engine.switches import PREFIX
+from ...envs.engine.imu import COLUMNS, PREFIX
 from ...gap.checks.imu import imu_of
 from ...gap.log import read_measured
 from ..guard.safety import Limits, Safety

@@ -21,10 +21,9 @@ from ..bus.port import WAIT, BusPort, Echo
 from ..bus.registers import ServoModel, load_model, ready_at
 from ..bus.servo_bus import ServoBus
 from ..machine.robot import ServoRobot
-from .faults import Fault, first, read_faults
 from .machine import Machine
 from .rig import Held, Rig, mounts
-from .wire import Wire
+from .wire import Fault, Wire, first, read_faults
 
 STEP = 0.005  # [s] between two looks at the faults while nobody asks
 

@@ -17,9 +17,9 @@ from ...actuators.stages import build_stage
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
 from ...envs.engine.base import BaseLayout
+from ...envs.engine.imu import Switches
 from ...envs.engine.model_poses import Loops, in_turn, place_followers
 from ...envs.engine.robot import ChainSource, Robot, check_position_goals
-from ...envs.engine.switches import Switches
 from .imu import VirtualImu, hidden_imu
 
 NOMINAL_VOLTAGE = 7.4  # [V] that a chain without a supply stage is taken to run on; assumed

@@ -19,10 +19,9 @@ from typing import Any
 from ...common.errors import SealegsError
 from . import protocol
 from .control import ControlSocket
-from .faults import fault_from, first
 from .imu import line_of
 from .protocol import Request
-from .wire import Wire
+from .wire import Wire, fault_from, first
 
 IDLE = 0.005  # [s] after which the machine moves on though nobody asks
 

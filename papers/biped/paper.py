@@ -12,15 +12,16 @@ import numpy as np
 from ...actuators import Chain
 from ...envs.biped.drive import DRIVES, PULLEYS, SPRING_RATIO, torque_chain
 from ...envs.biped.robot import BIPED
-from .cable_fit import Cable, fit_cable
 from .choices import TUNED_ON_RIGID
 from .controller import Gait
 from .hopping import SETTLED, Hopping, HoppingExperiment, flight_share, hop_times, rigid_cables
 from .identification import (
+    Cable,
     Leg,
     Motor,
     Pulleys,
     Spring,
+    fit_cable,
     fit_leg,
     fit_motor,
     fit_pulleys,

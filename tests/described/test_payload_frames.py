@@ -16,7 +16,7 @@ from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import LoggedRobot
 from sealegs.gap.load.terms import E_COUPLING, E_INERTIA, T_COLUMNS, T_OWN, T_SPIN
 from sealegs.gap.load.tree import Motion, block_along, spin_block, terms_along, tip_behind
-from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.output.extension import of_robot
 from sealegs.gap.robot.directions import Direction, every
 

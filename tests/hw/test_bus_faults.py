@@ -29,10 +29,9 @@ from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.run.commands import Reference, read_replay
 from sealegs.hw.run.simulated import recorded
 from sealegs.hw.virtual.control import Control
-from sealegs.hw.virtual.faults import FaultError, fault_from, read_faults
 from sealegs.hw.virtual.in_process import SimulatedPort
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.wire import Wire
+from sealegs.hw.virtual.wire import FaultError, Wire, fault_from, read_faults
 
 from tests.served_bus import served, wired
 from tests.simulated_runs import Simulation

@@ -18,7 +18,7 @@ from sealegs.hw.machine.robot import build_robot
 from sealegs.hw.run import measured_log
 from sealegs.hw.run.connection import opened_port
 from sealegs.hw.run.measured_log import SYNC, MeasuredLog, make_sidecar, read_events, recover
-from sealegs.hw.virtual.faults import fault_from
+from sealegs.hw.virtual.wire import fault_from
 
 from tests.servo_runs import config
 from tests.simulated_runs import Simulation, sine

@@ -238,7 +238,7 @@ def test_a_fault_comes_with_the_reading_and_only_a_restart_frees_the_servo(kind:
     wire = dynamixels()
     bus = bus_on(wire)
     bus.torque_on([1])
-    from sealegs.hw.virtual.faults import fault_from
+    from sealegs.hw.virtual.wire import fault_from
 
     wire.faults.append(fault_from({"kind": kind, "seconds": 0.02}, bus.clock.now()))
     bus.clock.sleep(0.05)

@@ -22,7 +22,7 @@ from sealegs.hw.run.commands import PolicyCommands, Reference, park_motion
 from sealegs.hw.run.deployment import Run, at_rest_sentence
 from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.policy import Policy
-from sealegs.hw.virtual.faults import KINDS, Fault
+from sealegs.hw.virtual.wire import KINDS, Fault
 
 from tests.servo_runs import committed, config, gentle_policy
 from tests.simulated_runs import QUIET, XL330, Simulation, TimedPolicy, sine

@@ -28,12 +28,11 @@ from sealegs.hw.machine.calibration_file import read_joints
 from sealegs.hw.machine.robot import ServoRobot
 from sealegs.hw.machine.scan import rows
 from sealegs.hw.run.commands import Trajectory
-from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.in_process import SimulatedPort
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.wire import Wire
+from sealegs.hw.virtual.wire import Wire, fault_from
 
 from tests.served_bus import RATE, dynamixels, served, switch_on, wired
 from tests.simulated_runs import LEGS, QUIET, XL330, Simulation, sine, when_torque_came_on

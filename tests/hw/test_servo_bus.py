@@ -27,10 +27,9 @@ from sealegs.hw.bus.registers import load_model, model_names
 from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.machine.robot import Joint
 from sealegs.hw.run.connection import check_joint
-from sealegs.hw.virtual.faults import fault_from
 from sealegs.hw.virtual.in_process import SimulatedPort
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.wire import UNEVEN, Wire, collided
+from sealegs.hw.virtual.wire import UNEVEN, Wire, collided, fault_from
 
 from benchmarks.bus import bare_cycle
 from tests.served_bus import served, wired

@@ -17,11 +17,10 @@ from sealegs.hw.bus.packets import ConfigurationError, Status
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.virtual import protocol
-from sealegs.hw.virtual.faults import Fault
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
-from sealegs.hw.virtual.wire import Wire
+from sealegs.hw.virtual.wire import Fault, Wire
 
 from tests.served_bus import STEP, STS, ask, read, served, switch_on, wait, wired, write
 

@@ -16,8 +16,8 @@ from sealegs.gap.checks.stops import stops_of
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log import read_measured
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.prepare.checking import check_log, with_whole_goals
 from sealegs.gap.prepare.columns import commanded

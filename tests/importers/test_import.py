@@ -10,7 +10,7 @@ import yaml
 from scipy.io import savemat
 from sealegs.commands.cli import main
 from sealegs.envs.bench.robot import BARE, NUMBERS
-from sealegs.gap.load.pendulum import completed
+from sealegs.gap.load.load import completed
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_mapping, read_recordings
 from sealegs.gap.log.importers.expression import evaluate, names_in, shows_sign

@@ -12,10 +12,10 @@ import pytest
 from sealegs.commands.cli import main
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.log import LogError, read_measured
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
 from sealegs.gap.log.importers.clocks import in_force
 from sealegs.gap.log.importers.dialects import dialects
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.prepare.columns import check_robot, commanded
 
 from tests.importers.importing import ANGLE, LATE, RAD, TIME, asked, proposed, spoken, table

@@ -19,8 +19,8 @@ from sealegs.gap.log.importers import Recording, answered, import_logs, read_map
 from sealegs.gap.log.importers.expression import evaluate
 from sealegs.gap.log.importers.mapping import Mapping, filled
 from sealegs.gap.log.sidecar import read_sidecar
-from sealegs.hw.virtual.faults import read_faults
 from sealegs.hw.virtual.machine import hide
+from sealegs.hw.virtual.wire import read_faults
 
 from tests.importers.importing import motion, table
 from tests.importers.test_import_tables import texts_of

@@ -18,7 +18,7 @@ from sealegs.agents.make_env import checked_env
 from sealegs.commands import new_robot
 from sealegs.commands.cli import main
 from sealegs.common.errors import SealegsError
-from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.search import journal
 
 from testbed import hidden_bench

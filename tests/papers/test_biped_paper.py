@@ -13,7 +13,6 @@ import pytest
 from sealegs.envs.biped.drive import DRIVES, PULLEYS, RATIO, SHAPE
 from sealegs.envs.biped.robot import BIPED
 from sealegs.papers.biped import paper, paper_plots, rig, tables, validation
-from sealegs.papers.biped.cable_fit import fit_cable
 from sealegs.papers.biped.controller import PERIOD, Gait, HoppingController, Phase
 from sealegs.papers.biped.ground import land
 from sealegs.papers.biped.hopping import Hopping, HoppingExperiment, hop_times, rigid_cables
@@ -23,6 +22,7 @@ from sealegs.papers.biped.identification import (
     Record,
     bias_by_arx,
     chirp,
+    fit_cable,
     fit_leg,
     fit_motor,
     fit_pulleys,

@@ -15,9 +15,9 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.biped.drive import DRIVES
 from sealegs.envs.engine.numbers import Number
 from sealegs.papers.biped import balance, choices, paper, report, rig, tables, tune_on_rigid, validation
-from sealegs.papers.biped.cable_fit import Cable
 from sealegs.papers.biped.hopping import Hopping
 from sealegs.papers.biped.identification import (
+    Cable,
     Leg,
     Motor,
     Pulleys,

@@ -39,8 +39,8 @@ from sealegs.hw.bus.registers import load_model
 from sealegs.hw.machine.calibration_file import read_joints
 from sealegs.hw.machine.robot import ServoRobot, build_robot
 from sealegs.hw.run.policy import Policy
-from sealegs.hw.virtual.faults import read_faults
 from sealegs.hw.virtual.machine import hide
+from sealegs.hw.virtual.wire import read_faults
 
 from tests.fuzzing import (
     CHANGES,

@@ -13,7 +13,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import ENTRIES, Cause, View
 from sealegs.gap.causes.unknown import UNKNOWN, unknown_parameters, with_believed_load
-from sealegs.gap.load.pendulum import PendulumLoad, hung
+from sealegs.gap.load.load import PendulumLoad, hung
 from sealegs.gap.load.tree import TreeLoad
 from sealegs.gap.log.sidecar import read_sidecar
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun

@@ -13,8 +13,8 @@ import pytest
 from sealegs.gap.checks.data_set import FAULTS, Fault, check_run, check_set, corrected
 from sealegs.gap.checks.drive import released
 from sealegs.gap.finder.diagnosis import diagnose
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.finding import Finding
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.prepare.checking import check_log
 from sealegs.gap.verdict.verdict import EXPLAINED, NOTHING

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from sealegs.common.errors import SealegsError
 from sealegs.gap.checks.imu import Match, check_imu, imu_of
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.finder.imu import Legs, diagnose_imu
-from sealegs.gap.ground.carried import Carried
+from sealegs.gap.finder.imu import Carried, Legs, diagnose_imu
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis

@@ -18,7 +18,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.checks.data_set import check_set
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log import read_measured
-from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.virtual.bench import LOADS, record
 
 from testbed import hidden_bench

@@ -15,8 +15,8 @@ from sealegs.gap.checks.data_set import check_run, check_set, corrected
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.load.units import in_model_units
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.finding import Finding
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import LogError, MeasuredSet
 from sealegs.gap.prepare.checking import check_log
 

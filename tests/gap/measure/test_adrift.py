@@ -17,8 +17,8 @@ from sealegs.gap.experiment.proposal import VISIBLE_DIFFERENCE, Hypothesis, Pred
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.load.tree import TreeLoad
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.adrift import adrift, begun_fit, left_by, with_starts
 from sealegs.gap.measure.confidence import Adrift, telling

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.finder.diagnosis import diagnose
-from sealegs.gap.log.arrays import measured_set
-from sealegs.gap.log.reader import read_measured
+from sealegs.gap.log.reader import measured_set, read_measured
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure import belief
 from sealegs.gap.measure.confidence import Adrift, by_effect

@@ -11,8 +11,8 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import FIT_A, FIT_B, cut
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.driven import DrivenProblem, driven_problem, read_before_goal
 from sealegs.gap.replay.joint_model import JointModel

@@ -16,8 +16,8 @@ from sealegs.actuators import load_chain
 from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.causes.visible import limits
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.log.arrays import measured_set
 from sealegs.gap.log.parts import cut
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.replay.driven import DrivenProblem, as_read, driven_problem
 from sealegs.gap.replay.free import FreeProblem, free_problem

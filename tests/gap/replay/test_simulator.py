@@ -10,7 +10,7 @@ import pytest
 from sealegs.actuators.chain import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.gap.finder.diagnosis import diagnose
-from sealegs.gap.load.pendulum import PendulumLoad, bench_parameters
+from sealegs.gap.load.load import PendulumLoad, bench_parameters
 from sealegs.gap.load.robot import LoggedRobot, Machine
 from sealegs.gap.load.terms import T_COLUMNS, T_DRAWN, T_OWN
 from sealegs.gap.load.tree import TreeLoad

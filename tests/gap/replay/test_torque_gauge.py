@@ -14,7 +14,7 @@ from sealegs.actuators.stability import velocity_slope
 from sealegs.gap.causes.catalogue import adjustable
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.tree import TreeLoad, own_lever, tip_behind, tip_mass
-from sealegs.gap.log.arrays import measured_set
+from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.measure.unseen import refitted_numbers
 from sealegs.gap.output.mjcf import _actuator
