@@ -10,7 +10,7 @@ from pathlib import Path
 from ..common import plugins
 from ..common.errors import SealegsError, nearest
 from . import ENVIRONMENTS
-from .described.robot_described import as_robot
+from .described.as_robot import as_robot
 from .described.robot_file import is_robot_file, load_robot_file
 from .described.robot_imu import with_imu
 from .engine.numbers import RobotError

@@ -19,8 +19,9 @@ from scipy.linalg import eigh
 
 from ...actuators import Chain, Drivetrain
 from ...actuators.stability import ONE_STAGE, RUNGE_KUTTA, position_slope, unstable_beyond, velocity_slope
+from .as_robot import as_robot
 from .model_file import UNITS
-from .robot_described import SAME, FileJoint, RobotFile, as_robot
+from .robot_described import SAME, FileJoint, RobotFile
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
 SHORTEST = 1e-5  # [s] that a YAML may ask for

@@ -29,9 +29,9 @@ from .imu import ImuHistory
 from .model_poses import Loops, in_turn, place_followers
 from .randomization import Randomization, Source
 from .robot import ChainSource, check_position_goals
-from .scene import Terrain
 from .servo_use import ServoUse
 from .task import ModulatedTask, Motion, Step, Task, check_observation, check_step
+from .terrain import Terrain
 from .world import World, with_contacts
 
 ON_TIME = 1e-6  # of an interval, that times are rounded by

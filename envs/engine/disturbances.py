@@ -14,7 +14,7 @@ from mujoco.batch import Batch
 from scipy.special import ndtri
 
 from . import keyed, turns
-from .scene import Terrain, floors
+from .terrain import Terrain, floors
 
 READING, TILT, TURN_RATE, LOST_READING, LOST_GOAL, PUSH, SLOPE, PLACE, BIAS = range(9)
 """Streams of random numbers; those of biases are beyond the last."""

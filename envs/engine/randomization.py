@@ -33,7 +33,8 @@ from ...actuators.layout import P_STATE_SIZE
 from ...common.documents import DocumentError, read_yaml
 from ...common.errors import SealegsError, nearest
 from .base import BaseLayout
-from .scene import FLOOR, floors
+from .scene import FLOOR
+from .terrain import floors
 
 
 class RandomizationError(SealegsError):

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...common.errors import WARNING, SealegsError
 from ..any_robot.reach import ReachTask
-from ..described.robot_described import RobotFile, as_robot
+from ..described.as_robot import as_robot
+from ..described.robot_described import RobotFile
 from ..described.robot_file import between_actions
 from ..described.robot_step import SHORTEST, engine_number, said_again, weak
 from ..engine.batch import BatchEngine

@@ -21,6 +21,7 @@ from ...actuators.chain import names as names_of_chains
 from ...actuators.stages.controller import UNLIMITED
 from ...common.atomic import write_text
 from ...common.errors import WARNING, SealegsError
+from ..described.as_robot import as_robot, bare_model
 from ..described.model_file import UNITS, ModelFile, read_model
 from ..described.robot_assumed import (
     chosen,
@@ -31,7 +32,7 @@ from ..described.robot_assumed import (
     reduction_note,
     tied_note,
 )
-from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile, as_robot, bare_model
+from ..described.robot_described import HINGES, LIMIT, FileJoint, RobotFile
 from ..described.robot_entries import FileEntry, FloorEntry
 from ..described.robot_file import assembled, load_robot_file
 from ..described.robot_imu import seat_of_imu

@@ -17,7 +17,8 @@ from scipy.optimize import least_squares
 
 from ...common.errors import WARNING, SealegsError
 from ..any_robot.reach import ReachTask
-from ..described.robot_described import FileJoint, RobotFile, as_robot, bare_model
+from ..described.as_robot import as_robot, bare_model
+from ..described.robot_described import FileJoint, RobotFile
 from ..described.robot_entries import FloorEntry
 from ..described.robot_step import said_again, scaled, settled
 from ..engine.batch import BatchEngine

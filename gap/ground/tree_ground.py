@@ -10,7 +10,7 @@ import numpy as np
 
 from ...actuators import Chain, load_chain
 from ...common.errors import SealegsError
-from ...envs.described.robot_described import as_robot
+from ...envs.described.as_robot import as_robot
 from ...envs.engine.robot import Robot
 from ...envs.robots import get_robot
 from ..causes.cause import Cause

@@ -12,8 +12,9 @@ import mujoco
 import numpy as np
 
 from ...actuators import Chain
+from ...envs.described.as_robot import as_robot
 from ...envs.described.model_errors import line_of, uncompiled
-from ...envs.described.robot_described import FileJoint, RobotFile, as_robot
+from ...envs.described.robot_described import FileJoint, RobotFile
 from ...envs.described.robot_file import is_robot_file, load_robot_file
 from ...envs.engine.model_poses import followers_of
 from ...envs.engine.numbers import RobotError
@@ -247,7 +248,7 @@ def without_objects(file: RobotFile, params: Mapping[str, float]) -> mujoco.MjMo
     and no joint that is driven. No log says how they moved, and no joint of the robot carries them.
 
     Raises:
-        RobotError: as :func:`~sealegs.envs.described.robot_described.bare_model`, or it does not compile without them.
+        RobotError: as :func:`~sealegs.envs.described.as_robot.bare_model`, or it does not compile without them.
     """
     spec = as_robot(file).build_spec(params)
     driven = {name for item in file.joints for name, _ in item.terms}

@@ -17,7 +17,7 @@ import numpy as np
 from ...actuators import Chain, load_chain
 from ...actuators.layout import P_STATE_SIZE
 from ...common.errors import SealegsError
-from ...envs.described.robot_described import as_robot
+from ...envs.described.as_robot import as_robot
 from ...envs.extended import Draws, Extended
 from ...envs.robots import get_robot
 from ..checks.signal import Z95

@@ -12,9 +12,10 @@ import numpy as np
 
 from ...actuators import Drivetrain
 from ...common.errors import SealegsError
+from ...envs.described.as_robot import as_robot
 from ...envs.described.model_drives import ModelDrive
 from ...envs.described.model_file import ModelFile
-from ...envs.described.robot_described import FileJoint, RobotFile, as_robot
+from ...envs.described.robot_described import FileJoint, RobotFile
 from ...envs.engine.model_poses import keyframes, stand, standing
 from ...envs.extended import Extended
 from ..load.robot import robot_of

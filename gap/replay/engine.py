@@ -17,7 +17,7 @@ import numpy as np
 from ...actuators import Chain, Drivetrain
 from ...actuators.layout import S_CURRENT, S_DUTY
 from ...common.errors import SealegsError
-from ...envs.described.robot_described import as_robot
+from ...envs.described.as_robot import as_robot
 from ...envs.robots import get_robot
 from ..load.robot import LoggedRobot
 from ..load.tree import Motion

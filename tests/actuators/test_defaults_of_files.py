@@ -11,7 +11,7 @@ from sealegs.actuators import Drivetrain
 from sealegs.actuators.chain import load_chain
 from sealegs.actuators.engine import install
 from sealegs.actuators.mounting import DrivenCoordinate
-from sealegs.envs.described.robot_described import as_robot
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.engine.robot import Robot, _tell

@@ -7,8 +7,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.described.model_file import read_model
-from sealegs.envs.described.robot_described import as_robot, bare_model
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.extended import Change, Extended

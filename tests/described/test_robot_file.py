@@ -9,8 +9,8 @@ import pytest
 from sealegs.actuators import load_chain
 from sealegs.common.errors import SealegsError
 from sealegs.envs.contract import robot_hash
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.described.model_sources import files_read
-from sealegs.envs.described.robot_described import as_robot, bare_model
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.new_robot.robot_yaml import robot_yaml

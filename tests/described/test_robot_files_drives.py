@@ -9,8 +9,8 @@ import pytest
 import sealegs
 from sealegs.commands import new_robot
 from sealegs.common.errors import SealegsError
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.model_file import read_model
-from sealegs.envs.described.robot_described import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.new_robot import robot_yaml

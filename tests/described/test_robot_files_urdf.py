@@ -7,9 +7,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from sealegs.envs.described.as_robot import bare_model
 from sealegs.envs.described.model_file import read_model
 from sealegs.envs.described.model_sources import files_read
-from sealegs.envs.described.robot_described import bare_model
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 

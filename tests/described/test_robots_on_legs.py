@@ -10,7 +10,7 @@ import pytest
 import sealegs
 import yaml
 from sealegs.commands import new_robot
-from sealegs.envs.described.robot_described import as_robot
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 

@@ -15,7 +15,7 @@ from sealegs.actuators import ChainError
 from sealegs.commands import new_robot
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
-from sealegs.envs.described.robot_described import as_robot
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.model_poses import Loops

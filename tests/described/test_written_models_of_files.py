@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from sealegs.actuators.chain import load_chain
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.model_meshes import without_meshes_that_fail
-from sealegs.envs.described.robot_described import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
 from sealegs.envs.extended import Extended, Mounted

@@ -15,7 +15,7 @@ from sealegs.commands import cli, deploy, new_robot, relevant
 from sealegs.common.errors import SealegsError
 from sealegs.configs.compose import compose
 from sealegs.envs.contract import make_contract
-from sealegs.envs.described.robot_described import as_robot
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.gap.log import read_measured
 from sealegs.hw.machine.calibration import write_calibration

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.actuators.chain import load_chain
-from sealegs.envs.described.robot_described import as_robot, bare_model
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.engine.model_poses import followers_of
 from sealegs.envs.extended import Change, Extended, Mounted
 from sealegs.gap.diagnose import diagnose

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from sealegs.common.errors import SealegsError
-from sealegs.envs.described.robot_described import bare_model
+from sealegs.envs.described.as_robot import bare_model
 from sealegs.gap.causes.catalogue import adjustable, catalogue
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.experiment import propose, write_experiment

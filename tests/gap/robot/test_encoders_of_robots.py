@@ -9,7 +9,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 import pytest
-from sealegs.envs.described.robot_described import as_robot
+from sealegs.envs.described.as_robot import as_robot
 from sealegs.envs.extended import Extended
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from sealegs.envs.described.robot_described import as_robot, bare_model
+from sealegs.envs.described.as_robot import as_robot, bare_model
 from sealegs.envs.extended import Extended
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.diagnose import diagnose
