@@ -304,7 +304,7 @@ def decide(record: SearchRecord, settings: SearchSettings) -> Decision:
             return decision(open=True)
         if over or not one_pays(this, order, settings, further=bool(names)):
             if step.winner is not None:
-                break
+                return decision(open=this.led)  # others may have paid that were tried with it
             ended = True
             continue
         names.append(seen[order[0].index].name)

@@ -48,13 +48,15 @@ def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
     if usual is None or len(usual.forms) < SEVERAL:
         return searcher.run(), None
     found = searcher.run(usual)
-    explained = found.accepted and not searcher.excess(found.fits) > searcher.settings.open_excess
-    other = replace(searcher).run(single=bool(explained))
+    explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess
+    other = replace(searcher).run(single=explained)
     if not (found.accepted and other.accepted):
         return (found, usual) if found.accepted else (other, None)
     (here, used), (there, needed) = _worth(searcher, found), _worth(searcher, other)
     alike = abs(there - here) <= searcher.settings.shared_error * max(here, there, float(searcher.counts.sum()))
-    return (other, None) if (needed < used if alike else there < here) else (found, usual)
+    if not (needed < used if alike else there < here):
+        return found, usual
+    return replace(searcher).run() if explained else other, None
 
 
 def _worth(searcher: Searcher, found: Search) -> tuple[float, int]:
