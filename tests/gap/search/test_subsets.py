@@ -96,7 +96,9 @@ def test_of_the_numbers_of_one_cause_the_one_that_is_wrong_is_chosen(acting: int
     assert {variant[0] for _, variant in found.forms} == {numbers[acting], numbers[2]}
 
 
-@pytest.mark.parametrize(("left", "causes"), [(np.inf, {"load.n2", "load.n3"}), (0.0, {"load.n3"})], ids=str)
+@pytest.mark.parametrize(
+    ("left", "causes"), [(np.inf, {"load.n2", "load.n3"}), (0.0, {"load.n3"})], ids=["all", "little"]
+)
 def test_a_further_cause_that_removes_little_of_much_is_a_guess(left: float, causes: set[str]) -> None:
     problem: Any = Bent({3: 3.0})
     problem.measured += 0.5 * COLUMNS[2] + 3.0 * np.random.default_rng(5).standard_normal(400)  # what no cause has
