@@ -25,6 +25,7 @@ OF_EACH_SIZE = 2  # subsets that are fitted
 ITERATIONS = 6  # of a fit that begins near where it ends
 ROUNDS = 3
 RIDGE = 1e-4  # of the charge of a parameter, for numbers that the data do not show
+HOLD = 1e9  # of the same, for numbers that a bound keeps where they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +77,21 @@ class Choice:
     def subset(self, forms: Forms, fitted: Fit) -> Subset:
         """Causes with their fit and what that costs with them."""
         flexible = np.array([sum(flexibility(*form) for form in forms)])
-        return Subset(forms, fitted, float(self.charged(np.array([fitted.cost]), flexible, np.array([len(forms)]))[0]))
+        cost = self.charged(np.array([fitted.cost]), flexible, np.array([len(forms)]), max(fitted.cost, 1.0))
+        return Subset(forms, fitted, float(cost[0]))
 
-    def charged(self, costs: np.ndarray, flexible: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        """Costs (s,) with a charge for each parameter, a share of at least the noise, and for each guess.
+    def charged(self, costs: np.ndarray, flexible: np.ndarray, counts: np.ndarray, level: float) -> np.ndarray:
+        """Costs (s,) with a charge for each parameter, and for each further cause that leaves much.
 
         Args:
             costs: of fits (s,).
             flexible: parameters that they are charged for (s,).
             counts: of their causes (s,).
+            level: cost that the charge of a parameter is a share of, at least that of the noise.
         """
         left = np.maximum(costs - 1.0 - self.open_excess, 0.0)
         guessed = left * ((1.0 - self.gain) ** -np.maximum(counts - 1.0, 0.0) - 1.0)
-        return costs + self.charge * np.maximum(costs, 1.0) * flexible + guessed
+        return costs + self.charge * level * flexible + guessed
 
     def fitted(self, forms: Forms, values: dict[str, float], iterations: int = ITERATIONS) -> Subset:
         """Causes fitted from some values, of which those that are not turned are left out."""
@@ -108,7 +111,7 @@ def flexibility(cause: Cause, variant: Variant) -> int:
 
 
 def best_subset(choice: Choice, full: Fit) -> Subset:
-    """The subset of the causes whose charged cost is least, of those that are fitted.
+    """The subset of the causes whose charged cost is least.
 
     Args:
         choice: the causes.
@@ -131,19 +134,13 @@ def best_subset(choice: Choice, full: Fit) -> Subset:
 
 
 def _acting(choice: Choice, full: Fit) -> Choice:
-    """The causes with which a replay is another, there or where they begin: a stop that is nowhere met has no slope."""
-    if not choice.forms:
-        return choice
-    still, variants = neutral(choice), [variant for _, variant in choice.forms]
-    back = [{**full.values, **{p.path: still[p.path] for p in variant}} for variant in variants]
-    begun = [{**full.values, **{p.path: p.start for p in variant}} for variant in variants]
-    rows = choice.problem.simulate([full.values, *back, *begun])
-    here, without, started = rows[0], rows[1 : 1 + len(back)], rows[1 + len(back) :]
-    idle = [
-        all(np.array_equal(row, none, equal_nan=True) for row in (here, start))
-        for none, start in zip(without, started, strict=True)
-    ]
-    return replace(choice, forms=tuple(form for form, never in zip(choice.forms, idle, strict=True) if not never))
+    """The causes without which a replay is another: a stop that is nowhere met has no slope, or a false one."""
+    still = neutral(choice)
+    back = [{**full.values, **{p.path: still[p.path] for p in variant}} for _, variant in choice.forms]
+    same = (
+        [np.array_equal(row, full.simulated, equal_nan=True) for row in choice.problem.simulate(back)] if back else []
+    )
+    return replace(choice, forms=tuple(form for form, idle in zip(choice.forms, same, strict=True) if not idle))
 
 
 def neutral(choice: Choice) -> dict[str, float]:
@@ -169,7 +166,7 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
     acts = np.zeros((len(choice.forms), len(parameters)), dtype=bool)
     for row, (_, variant) in zip(acts, choice.forms, strict=True):
         row[[place[p.path] for p in variant]] = True
-    acts &= np.array([p.is_size for p in parameters], dtype=bool)  # without a size, its shape changes nothing
+    acts &= np.array([p.is_size for p in parameters])  # without a size, its shape changes nothing
     own = acts.any(axis=0)
     back = (np.array([_neutral(p, choice.nominal) for p in parameters]) - optimum)[own]
     covariance, acts = covariance[np.ix_(own, own)], acts[:, own]
@@ -182,7 +179,7 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
     )
     flexible = chosen @ np.array([flexibility(*form) for form in choice.forms], dtype=float)
     sizes = chosen.sum(axis=1)
-    charged = choice.charged(costs, flexible, sizes)
+    charged = choice.charged(costs, flexible, sizes, max(here.cost, 1.0))
     order = np.argsort(charged, kind="stable")
     picked: list[tuple[Forms, float]] = []
     for size in range(int(sizes[order[0]]) + 2):
@@ -230,8 +227,8 @@ def _quadratic(choice: Choice, parameters: Sequence[Parameter], here: Fit) -> tu
     A tuned number at an end of its tolerance costs as much as a parameter does: its bounds as a prior.
     """
     problem, charge = choice.problem, choice.charge * max(here.cost, 1.0)
+    u = np.array([p.to_fit(here.values[p.path]) for p in parameters])
     low, high = (np.array([p.to_fit(end(p)) for p in parameters]) for end in (lambda p: p.low, lambda p: p.high))
-    u = np.clip([p.to_fit(here.values[p.path]) for p in parameters], low, high)
     reach = np.array([p.difference for p in parameters])
     up, down = np.minimum(reach, high - u), np.minimum(reach, u - low)
 
@@ -245,11 +242,12 @@ def _quadratic(choice: Choice, parameters: Sequence[Parameter], here: Fit) -> tu
     weighted = jacobian * robust_weight(error) / error.size
     slope, curvature = weighted @ error, weighted @ jacobian.T
     acting = {p.path for _, variant in choice.forms for p in variant}
-    held = np.array([p.path not in acting for p in parameters], dtype=bool)
+    held = np.array([p.path not in acting for p in parameters])
     middle, width = 0.5 * (low + high), 0.5 * (high - low)
     prior = np.where(held, charge / width**2, 0.0)
-    slope = slope + prior * (u - middle)
-    curvature += np.diag(prior + RIDGE * charge)
+    beyond = ~held & (((up == 0.0) & (slope < 0.0)) | ((down == 0.0) & (slope > 0.0)))  # its bound keeps it there
+    slope = np.where(beyond, 0.0, slope + prior * (u - middle))
+    curvature += np.diag(prior + RIDGE * charge + np.where(beyond, HOLD * charge, 0.0))
     covariance = np.linalg.inv(curvature)
     move = -covariance @ slope
     cost = robust_loss(error).mean() + (prior * (u - middle) ** 2).sum()

@@ -12,10 +12,9 @@ from dataclasses import replace
 from ..causes.cause import Cause, Variant
 from ..log.progress import Milestone
 from . import decide
-from .exchange import NEVER
 from .fit import Fit, merge
 from .look import LOOKED_FOR, looked
-from .record import Step
+from .record import RoundRecord, Step
 from .result import Round
 from .rounds import Rounds
 from .state import Found
@@ -43,7 +42,7 @@ def usual_causes(searcher: Rounds) -> Subset | None:
     Returns:
         None where the log shows no more than the noise without them.
     """
-    shown = [cause for cause in searcher.open_causes([]) if cause.name in USUAL and (cause.seen or not cause.at_stops)]
+    shown = [cause for cause in searcher.shown if cause.name in USUAL and (cause.seen or not cause.at_stops)]
     if not shown or decide.finished(
         searcher.excess(searcher.fit_both(searcher.tuned, searcher.start)), searcher.settings
     ):
@@ -51,7 +50,7 @@ def usual_causes(searcher: Rounds) -> Subset | None:
     searcher.progress("fitting all usual causes at once")
     choice = _choice(searcher, tuple(form for cause in shown for form in forms_of(cause)))
     best = best_subset(choice, looked(choice.problem, choice.parameters(choice.forms), shown))
-    play = next((cause for cause in searcher.open_causes([]) if cause.name == PLAY), None)
+    play = next((cause for cause in searcher.shown if cause.name == PLAY), None)
     if play is not None and not decide.finished(best.fit.cost - 1.0, searcher.settings):
         best = min(best, _with_play(searcher, choice, best, play), key=lambda one: one.charged)
     return best
@@ -88,10 +87,10 @@ def _choice(searcher: Rounds, forms: Forms) -> Choice:
 
 def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> Subset:
     """The best with play, of all its laws; motor and link then turn apart."""
-    causes = dict.fromkeys(cause for cause, _ in choice.forms)
-    apart = tuple(form for cause in causes for form in forms_of(cause if searcher.apart([]) else cause.parted()))
-    ways = [replace(choice, forms=(*apart, (play, variant))) for variant in play.variants]
-    start = {**neutral(replace(choice, forms=apart)), **usual.fit.values}  # of play, where its form begins
+    apart = (cause.parted() for cause in dict.fromkeys(cause for cause, _ in choice.forms))
+    at_motor = tuple(form for cause in apart for form in forms_of(cause))
+    ways = [replace(choice, forms=(*at_motor, (play, variant))) for variant in play.variants]
+    start = {**neutral(replace(choice, forms=at_motor)), **usual.fit.values}  # of play, where its form begins
     laws: dict[frozenset[str], tuple[Subset, Choice]] = {}  # of one law, the start from which it fits best
     for way in ways:
         full = way.fitted(way.forms, start, searcher.settings.iterations)
@@ -103,14 +102,16 @@ def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> 
 
 def _accept(searcher: Rounds, found: Found, cause: Cause, variant: Variant, fitted: Fit) -> bool:
     """Accept one cause more, if it pays on data that its fit did not see; whether it does."""
-    settings, extended = searcher.settings, searcher.parameters(found.accepted)
-    excess = searcher.excess(found.current.fits)
+    before, settings = found.current, searcher.settings
+    excess = searcher.excess(before.fits)
     if decide.finished(excess, settings) or len(found.accepted) >= settings.most_causes:
         return False
-    judged = searcher.judged(searcher.fit_both(merge(extended, variant), fitted.values))
+    judged = searcher.judged(searcher.fit_both(merge(searcher.parameters(found.accepted), variant), fitted.values))
     candidate = searcher.candidate(cause, variant, judged)
-    record, _ = searcher.recorded(found.accepted, [candidate], found.current, excess, promise=NEVER)
-    record = replace(record, led=True)  # beside those that come after it, it is to pay
+    record = RoundRecord(
+        searcher.counts, before.blocks, before.sampled, excess, excess, promise=excess,
+        candidates=(replace(candidate.evidence, excess=searcher.excess(judged.fits)),), led=True,
+    )  # fmt: skip
     order, stands = searcher.standings(record, [candidate])  # nothing where the log contradicts it
     if not decide.one_pays(record, order, settings, further=bool(found.accepted)):
         return False

@@ -106,19 +106,3 @@ def test_a_further_cause_that_removes_little_of_much_is_a_guess(left: float, cau
     forms: Forms = tuple((Cause("", "", ((p,),), error=True, name=p.number), (p,)) for p in numbers)
     choice = Choice(problem, (), forms, NOTHING, charge=0.02, open_excess=left, gain=0.3)
     assert best_subset(choice, fit(problem, numbers)).keys == causes
-
-
-@pytest.mark.parametrize(("low", "truth"), [(-0.1, {1: 1.0, 2: 2.0}), (0.0, {0: 1.0})], ids=["stands in", "clipped"])
-@pytest.mark.parametrize("seed", range(4))
-def test_a_number_that_the_full_fit_leaves_at_a_bound_is_chosen_only_where_it_acts(
-    low: float, truth: Mapping[int, float], seed: int
-) -> None:
-    """One at a bound that is not nothing could not be left out; one at nothing was never tried alone."""
-    problem: Any = Bent(truth)
-    problem.measured += 0.3 * np.random.default_rng(seed).standard_normal(400) - 0.05 * COLUMNS[0] * (low == 0.0)
-    numbers = [Parameter(f"load.n{k}", "1", low if k == 0 else -4.0, -low or 4.0, 0.1, 0.5) for k in range(3)]
-    numbers[1:] = [Parameter(f"load.n{k}", "1", -4.0, 4.0, 0.0, 0.5) for k in (1, 2)]
-    forms: Forms = tuple((Cause("", "", ((p,),), error=True, name=p.number), (p,)) for p in numbers)
-    choice = Choice(problem, (), forms, NOTHING, charge=0.02)
-    found = best_subset(choice, fit(problem, numbers))
-    assert found.keys == {f"load.n{k}" for k in truth}
