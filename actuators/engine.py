@@ -104,7 +104,12 @@ def _c_type(node: Any) -> Any:
 
 @functools.cache
 def struct_type(name: str) -> type[ctypes.Structure]:
-    """A ctypes structure laid out as MuJoCo's C struct of that name."""
+    """A ctypes structure laid out as MuJoCo's C struct of that name, so that the laws read it as C code does.
+
+    MuJoCo ships a machine-readable copy of its headers (``mujoco.introspect``); the C layout follows from it by the
+    usual rules of alignment. It is checked against pointers whose values Python can see, so that another MuJoCo version
+    is refused instead of misread.
+    """
     described: Any = structs.STRUCTS[name]
     fields = [(field.name, _c_type(field.type)) for field in described.fields]
     return type(name, (ctypes.Structure,), {"_fields_": fields})

@@ -235,6 +235,12 @@ def _policy_keywords(keywords: Mapping[str, Any], algorithm_name: str) -> dict[s
 
 
 # --- callbacks and wrappers that a config names by their class, such as those of rl-zoo's files ----------------------
+#
+#     agent.callbacks=[stable_baselines3.common.callbacks.StopTrainingOnMaxEpisodes: {max_episodes: 100}]
+#     agent.wrappers=[stable_baselines3.common.vec_env.VecCheckNan]
+#
+# A class is code. Those of the packages that sealegs stands on may be named by any config; others only by the person
+# who starts the run, and again by whoever resumes it (``trust=true``).
 
 KNOWN = ("stable_baselines3", "sb3_contrib", "sealegs")
 TRANSPARENT = (VecCheckNan, VecFrameStack, VecMonitor, VecNormalize)

@@ -319,6 +319,12 @@ def extra_keys(base: Mapping[str, Any]) -> list[str]:
 
 
 # --- hyperparameters as rl-baselines3-zoo writes them (hyperparams/ppo.yml): read as data, nothing in them is run ----
+#
+#     sealegs train agent=ppo hyperparams=ppo.yml                   the entry of the environment, or the file's only one
+#     sealegs train agent=ppo hyperparams=ppo.yml:HalfCheetah-v4    another entry
+#
+# An entry holds n_envs, n_timesteps, normalize, frame_stack, callback, vec_env_wrapper and the algorithm's arguments.
+# Text such as "dict(net_arch=[64, 64], activation_fn=nn.ReLU)" is taken apart as a Python expression of literals.
 
 _RENAMED = {"frame_stack": "history", "vec_env_wrapper": "wrappers", "callback": "callbacks"}
 _IGNORED = ("monitor_kwargs",)

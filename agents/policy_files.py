@@ -209,7 +209,8 @@ def mean_reward(
         actuator: name or path of a chain, or chains by joint.
         episodes: to average over; they start alike for equal seeds, whatever the policy.
         seed: of the episodes.
-        task, trust: as of :func:`sealegs.agents.export.export_policy`.
+        task: as of :func:`sealegs.agents.export.export_policy`.
+        trust: likewise.
     """
     act, description = load_policy(policy, trust)
     env = make_vec_env(trained_env(description, policy, task), actuator, episodes, seed)

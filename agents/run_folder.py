@@ -196,6 +196,8 @@ def git_revision(*paths: str) -> dict[str, Any]:
 
 
 # --- what a run learns from: digests of the files of its robot and its own task, and copies of its actuation chains --
+#
+# With other files it would be another run; later changes of the file of a chain or net do not reach it.
 
 SOURCES_FILE, CHAINS_FILE = "sources.json", "actuators.yaml"
 

@@ -294,6 +294,9 @@ def loaded(path: Path, load: Callable[[], Loaded]) -> Loaded:
 
 
 # --- learners of SBX, whose networks are JAX's: their policies become those of Stable-Baselines3, layer by layer -----
+#
+# So a run folder, an ONNX file and whoever acts with them need no JAX. What the next update depends on is kept as
+# numbers with names, as for other learners (:mod:`agents.checkpoint`).
 
 TWINS = {"PPO": "ppo", "SAC": "sac", "TQC": "sac", "TD3": "td3", "DDPG": "td3"}
 """By class of SBX, an algorithm of Stable-Baselines3 whose actor has the same layers."""

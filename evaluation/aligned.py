@@ -4,8 +4,8 @@ A run of its own soon differs from the machine's, whatever the model: a hop more
 where the machine was at the start of each window, gets the goals that the machine got, when it got them, and is
 compared over that window. How far it would be off if it were the machine is rehearsed in the same window, with the
 model in the place of the machine: encoder steps, the time of a reading and of the goals, speeds taken from differences,
-and how much a landing magnifies all that are then in both. The base of a robot that an IMU alone measures is placed as
-:mod:`sealegs.evaluation.aligned` says.
+and how much a landing magnifies all that are then in both. The base of a robot that an IMU alone measures is placed
+on its floor (:class:`FreeBase`).
 """
 
 from __future__ import annotations
@@ -342,7 +342,11 @@ def ratios(found: np.ndarray, accounted: np.ndarray) -> tuple[np.ndarray, np.nda
     return own, (1.0 + (drawn >= own * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + DRAWS)
 
 
-# --- where a free base is whose place nobody measured: turned as its IMU says, and on its floor with its nearest foo--
+# --- where a free base is whose place nobody measured: turned as its IMU says, and on its floor with its nearest
+# foot.
+#
+# Where it is on a level floor, and where it heads, changes nothing. That foot stands still, and the base moves over
+# it.
 
 FARTHEST = 10.0  # [m] that a floor is sought
 

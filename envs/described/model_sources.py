@@ -136,7 +136,8 @@ def _product(item: ElementTree.Element, keys: Iterable[str]) -> float:
     return found
 
 
-# --- the files that a robot is read from: its YAML, its model with all that this includes and shows, chains of its o--
+# --- the files that a robot is read from: its YAML, its model with all that this includes and shows, chains of its
+# own.
 
 ENDINGS = (*YAML_SUFFIXES, *SUFFIXES, ".json", ".npz")
 """Of what a YAML names: chains, models, fits that others published, actuator nets."""

@@ -188,7 +188,7 @@ def urdf_speeds(path: Path) -> dict[str, float]:
     return found
 
 
-# --- inertias of a URDF that no body has, for which MuJoCo refuses the robot: the nearest possible takes their place--
+# --- inertias of a URDF that no body has, for which MuJoCo refuses the robot: the nearest possible takes their place.
 
 SMALLEST_MOMENT = 1e-14  # [kg.m2] principal moment that MuJoCo takes for 0
 FLAT_TOLERANCE = 1e-12  # of a principal moment: a flat body, whose largest one is the sum of the others, is possible

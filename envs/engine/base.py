@@ -185,7 +185,8 @@ def euler(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return roll, pitch, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-# --- sums over many coordinates, in one order at any batch size, so that batches equal single environments to the bi--
+# --- sums over many coordinates, in one order at any batch size, so that batches equal single environments to the
+# bit.
 
 
 class Sides:

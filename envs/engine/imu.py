@@ -197,6 +197,8 @@ class ImuHistory:
 
 
 # --- contact switches, such as those under feet: closed while what presses on their place is more than a threshold ---
+#
+# They are on the board of the robot's IMU: each of its samples says which of them are closed, at its rate and delay.
 
 PREFIX = "switch."
 """Of their columns of ``base.*`` in a log, of their names in a policy's contract, and in the format of a line."""

@@ -168,6 +168,9 @@ def free_ways(model: mujoco.MjModel) -> np.ndarray:
 
 
 # --- closed loops of a model: where its joints stand so that welds, connects and ties hold before the first step -----
+#
+# A file may describe a robot with its loops open, and an episode may begin anywhere. The engine closes a loop by
+# force, within a few milliseconds: what is open by millimetres then throws light rods about.
 
 STEPS = 30  # of the search, at most
 CLOSED = 1e-7  # [m or rad] of an equality's residual below which nothing is open
@@ -258,7 +261,7 @@ class Loops:
 
 
 LOOPING = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
-"""Kinds of equalities that close loops; ties of joints are placed by :mod:`sealegs.envs.engine.model_poses`."""
+"""Kinds of equalities that close loops; ties of joints are placed by :func:`place_followers`."""
 
 
 def _dense(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

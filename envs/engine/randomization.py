@@ -315,7 +315,10 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-# --- many machines of one robot, of which every episode draws one: as a diagnosis leaves it open which of them it is--
+# --- many machines of one robot, of which every episode draws one: as a diagnosis leaves it open which of them it is.
+#
+# chains: {hip: {friction.coulomb: [0.051, 0.049]}}   numbers of the chain of a coordinate, machine by machine
+# robot:  {foot_payload: [0.02, 0.05]}                numbers of the robot, machine by machine
 
 KINDS = ("chains", "robot")
 Build = Callable[[Mapping[str, Chain], Mapping[str, float]], Drivetrain]

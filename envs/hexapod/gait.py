@@ -82,7 +82,12 @@ class Tripod:
         return np.stack(columns, axis=-1)
 
 
-# --- the tripod gait of :mod:`sealegs.envs.hexapod.gait` with parameters that a policy changes while it walks --------
+# --- the same gait with parameters that a policy changes while it walks ----------------------------------------------
+#
+# Feet that stand move back with the commanded speed, whatever the action, so that none drags another; an action
+# changes how the clock runs and where and how feet in the air land. All zero is the reference gait. This is what
+# Iscen et al., "Policies Modulating Trajectory Generators" (CoRL 2018), describe: the policy sees the generator's
+# clock and memory.
 
 _REFERENCE = Tripod()
 MODULATED = {
@@ -158,7 +163,7 @@ def room(values: Mapping[str, float], place: np.ndarray, way: float) -> np.ndarr
 
 
 def advance(values: Mapping[str, float], action: np.ndarray, speed: np.ndarray, memory: np.ndarray) -> np.ndarray:
-    """Goals :data:`~sealegs.envs.hexapod.gait.PERIOD` later (n, 18) [rad, m]; ``memory`` (n, MEMORY) moves on in place.
+    """Goals :data:`PERIOD` later (n, 18) [rad, m]; ``memory`` (n, MEMORY) moves on in place.
 
     Args:
         values: numbers of the robot.

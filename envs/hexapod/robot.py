@@ -49,7 +49,14 @@ def penetration(values: Mapping[str, float], load: float, weight: float) -> floa
 
 
 def soften(spec: mujoco.MjSpec, floor: mujoco.MjsGeom, values: Mapping[str, float], foot_body: str) -> None:
-    """Give the floor its softness, from the weight of the robot in ``spec`` and the mobility of its feet."""
+    """Give the floor its softness, from the weight of the robot in ``spec`` and the mobility of its feet.
+
+    Paper 001, equations (19) and (20), as the engine's own contact. Hunt and Crossley's normal force is ``K d^1.5`` at
+    a penetration ``d`` (Hertz, 4.2.1). At rest the engine's contact pushes with ``S D^2 d / (w^2 (1 - D) A)``. ``D(d)``
+    is its impedance between ``D_0`` and ``w``, ``S`` its stiffness, and ``A`` the inverse mass that it assigns to the
+    foot. :data:`SOLIMP` is fitted so that this is ``d^1.5`` within 3 % from 0.6 to 4 mm; ``S`` then follows from the
+    penetration that the paper prints.
+    """
     model = spec.compile()
     depth, mobility = values["penetration"], float(model.body_invweight0[model.body(foot_body).id, 0])
     load = float(model.body_mass.sum()) * GRAVITY / SUPPORTS

@@ -374,7 +374,8 @@ def _is_number(word: str) -> bool:
     return True
 
 
-# --- whether a robot whose base hangs in the air has wheels to stand on, and the height at which they touch the grou--
+# --- whether a robot whose base hangs in the air has wheels to stand on, and the height at which they touch the
+# ground.
 
 LEVEL = 0.6  # sine of the angle between an axle and the vertical, from which a wheel rolls; assumed
 

@@ -269,6 +269,9 @@ def on_plant(act: Any, engine: Any) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 # --- A task on a machine that is no simulation of sealegs: what its encoders say is all that a policy sees -----------
+#
+# Copies of the machine stand in the place of a batch of simulations, so that a policy can be judged on it, and one
+# can learn on it, which is the limit of what any model of it can give.
 
 
 class Plant(Protocol):

@@ -198,6 +198,8 @@ def _across(data: MeasuredSet) -> Iterator[Finding]:
 
 
 # --- faults of columns are properties of the machine: decided once, over all its runs, and mended in all of them -----
+#
+# A column in a known unit is converted, a false one is set aside.
 
 ANGLE_SIGNALS = ("position", "goal", "link_position")
 Mend = Callable[[MeasuredRun, Finding], MeasuredRun]

@@ -390,6 +390,9 @@ def unlike(old_a: Prediction, old_b: Prediction, new_a: Prediction, new_b: Predi
 
 
 # --- A proposed experiment on disk: goals that ``deploy.py`` runs, and the sidecar for the log that comes of it ------
+#
+# The goals are a CSV with the columns ``time`` [s] and ``<joint>.goal`` [rad], each goal held until the next row. The
+# sidecar beside it (docs/log-format.md) says what must hang on the shaft while it runs.
 
 
 def goal_table(experiment: Experiment, joint: str) -> str:

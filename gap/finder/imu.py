@@ -287,6 +287,9 @@ def _crosstalk(blocks: Sequence[_Rows]) -> float:
 
 
 # --- how the base of a robot on legs must turn, from its joints alone: they move as measured, and it stands on them --
+#
+# Nothing that an IMU says is used, so that the IMU can be held against it. A joint is so heavy that only the force
+# which makes it follow its path can move it, as in :mod:`sealegs.gap.ground.tree_replay`.
 
 SETTLING_SECONDS, SPEED_UP_SECONDS = 0.5, 0.2  # that it settles in its first pose, and in which motion then sets in
 FALLEN_ANGLE = 0.7  # [rad] from upright: what it does then, its legs do not tell

@@ -1,4 +1,4 @@
-"""Where the jobs of a fleet run: in local processes, or on a Ray cluster (:mod:`sealegs.gap.fleet.run`)."""
+"""Where the jobs of a fleet run: in local processes, or on a Ray cluster."""
 
 from __future__ import annotations
 
@@ -145,6 +145,10 @@ def _died(job: Job, code: int | None) -> str:
 
 
 # --- A fleet on a Ray cluster: a task for each robot, which hands each of its joints to a task of its own ------------
+#
+# Logs travel to the workers and diagnoses back, so no shared file system is needed. The task of a joint brings back
+# its fits. The robot's own task then finds them made, judges the joints and seeks what they share. A node that dies
+# loses none: Ray begins its tasks once more, and a joint that still fails is fitted in the robot's task.
 
 PACKAGE = __name__.partition(".")[0]
 PARTS = ("actuators", "common", "configs", "envs", "gap")  # what a worker of a cluster needs of the package

@@ -139,7 +139,11 @@ JOINTS = (HIP, KNEE)
 
 
 class LegReplay(Replayer[LegModel]):
-    """The engine with a leg in it; ``goal`` are those of its motors at every step (steps + 1, stances, 2) [rad]."""
+    """The engine with a leg in it; ``goal`` are those of its motors at every step (steps + 1, stances, 2) [rad].
+
+    The motors follow their measured motion and push the leg through its springs, so what is judged is body and ground;
+    a joint without a spring between motor and link is driven by its commands.
+    """
 
     def __init__(self, leg: LegModel, runs: Sequence[MeasuredRun], stances: Sequence[Piece]) -> None:
         """Build the leg; ``leg`` gives body and chains, the ground may differ from replay to replay."""

@@ -1,4 +1,4 @@
-"""Read measured logs: a file or a folder of files, each with the sidecar that says what was recorded."""
+"""Measured logs: read, each file with the sidecar that says what was recorded, written, and made of arrays."""
 
 from __future__ import annotations
 

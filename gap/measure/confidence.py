@@ -156,7 +156,10 @@ def standing(
     return CERTAIN if confidence >= limit.certain and not contradicted else LIKELY
 
 
-# --- what the final model owes to each of its parts: how far its replay moves where one is put back to what is belie--
+# --- what the final model owes to each of its parts: how far its replay moves where one is put back to what is
+# believed.
+#
+# What a fit without a part leaves is no measure where several act: other numbers make up for most of it.
 
 
 def by_effect(problem: Problem, values: Mapping[str, float], parts: Sequence[Collection[str]]) -> np.ndarray:

@@ -268,6 +268,9 @@ def readable(chain: Chain) -> Chain:
 
 
 # --- what a diagnosis found, as numbers of the robot itself ----------------------------------------------------------
+#
+# A joint of a tree is judged with its angle as the log has it and with what hangs behind it as one load. The robot's
+# model has bodies and an angle of its own, so both are turned into those here.
 
 BELIEF_WEIGHT = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
 RANGE_MARGIN = 0.02  # of a joint's motion by which a range must be wider than what the log shows

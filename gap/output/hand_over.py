@@ -266,6 +266,9 @@ def with_draws(
 ) -> Extended:
     """The model that is handed over, with machines as it may be.
 
+    Each draw is one machine. Numbers of a joint are drawn together, with the correlation of its fit, as wide as their
+    95 % intervals. What joints share (bodies, a payload, the latency of the bus) is drawn once for all of them.
+
     Args:
         extended: the model.
         diagnoses, data, taken: what it is of, as of :func:`.extension.extended_of`.

@@ -218,6 +218,12 @@ def _finer(joint: str, noise: float, unit: str) -> Finding:
 
 
 # --- what the joints of a robot do to each other: how each moves, and what its drive draws from the supply of all ----
+#
+# Both follow from a replay of each joint. A first look at all of them knows their numbers better than what is
+# believed: a joint whose rotor is heavier than believed moves less sharply, and shakes its neighbours less.
+#
+# Few logs have currents. A drive's duty follows from its goals and its measured motion, and duty and speed give the
+# current: a bridge draws its duty times the motor's current, and returns nothing.
 
 MOMENTS = 8
 """Of a row, at which a duty is worked out: goals take effect between two rows."""

@@ -110,6 +110,9 @@ class ThreadedImu(ABC):
 
 
 # --- how an IMU is turned, out of an accelerometer and a gyroscope alone: a complementary filter ---------------------
+#
+# The gyroscope tells each turn, and the accelerometer slowly where up is, in moments without much other acceleration.
+# The heading is what the gyroscope adds up to, and drifts.
 
 GRAVITY = 9.81  # [m/s2]
 TRUST = (

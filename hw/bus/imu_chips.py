@@ -1,4 +1,4 @@
-"""IMUs on an I2C bus of the computer, through Adafruit's drivers (extra ``imu``); and what ``imu.part`` may name."""
+"""IMUs on an I2C bus, through Adafruit's drivers (extra ``imu``), or a serial port; and what ``imu.part`` may name."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class ChipPart:
 
 @dataclass(frozen=True)
 class SerialPart:
-    """``imu.part`` of an IMU that sends lines, see :mod:`sealegs.hw.bus.imu_chips`; ``line`` None: the plain one."""
+    """``imu.part`` of an IMU that sends lines, as :class:`LineFormat` reads them; ``line`` None: the plain one."""
 
     name: str
     port: str | None = None
@@ -177,6 +177,14 @@ def open_imu(document: Mapping[str, Any], rate: float, switches: Sequence[str] =
 
 
 # --- IMUs that send lines of text over a serial port, in a format that the robot's YAML describes --------------------
+#
+#     line: "w, x, y, z, turn_x, turn_y, turn_z"
+#     line: "$VNYMR, yaw [deg], pitch [deg], roll [deg], _, _, _, _, _, _, turn_x, turn_y, turn_z"
+#     line: "acc_x [g], acc_y [g], acc_z [g], turn_x [deg/s], turn_y [deg/s], turn_z [deg/s]"
+#
+# Names stand for numbers, ``switch.<name>`` for a contact switch of the robot (closed above 0.5), ``_`` for one that
+# is passed over, and any other word for itself: lines without it are other lines. What separates names separates
+# numbers; a checksum behind ``*`` is left out.
 
 PLAIN = "w, x, y, z, turn_x, turn_y, turn_z"
 """A line without switches, where none is given; those follow in their order."""

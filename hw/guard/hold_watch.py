@@ -237,6 +237,9 @@ def torque_of(state: ServoState) -> bool | None:
 
 
 # --- who watches servos: of several processes that could, the one whose run switched their torque on last ------------
+#
+# Held servos are watched on after their run. The next run on them gets a supervisor of its own: two would take turns
+# at the port, and the older one could release what the newer one was told to hold. So each leaves its mark in a file.
 
 
 class InCharge:

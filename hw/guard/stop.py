@@ -60,6 +60,9 @@ class Stop:
 
 
 # --- an emergency stop: a key, or a file descriptor that somebody else's button writes to or closes ------------------
+#
+# It waits in a thread of its own and switches torque off itself, without waiting for the loop's cycle to end. Where
+# the loop is over or dead, the supervisor looks at the descriptor.
 
 REASON = "the emergency stop was pressed"
 

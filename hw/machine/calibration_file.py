@@ -100,6 +100,8 @@ def _joint(name: str, row: _Row, line: Line) -> Joint:
 
 
 # --- which of a robot's calibrations holds: the one made last, as the files say themselves ---------------------------
+#
+# Times of files on the disk say nothing: a copy, a checkout or a touch would bring back an old zero, on real servos.
 
 FOLDER = Path("calibrations")
 LENGTH = len("20260101-000000")

@@ -1,4 +1,4 @@
-"""Limits of a machine, as data: the ``safety`` block of a robot's file."""
+"""Limits of a machine, as data (the ``safety`` block of a robot's file), and whether its joints follow their goals."""
 
 from __future__ import annotations
 
@@ -164,6 +164,14 @@ def usual_reach(half: float, unit: str) -> float:
 
 
 # --- whether joints follow their goals: limits by servo model, out of the chain that the servo is believed to be -----
+#
+# A healthy servo whose goal is so far away that its controller gives full duty gets there at no less than half of its
+# no-load speed, unless it carries more than half of its stall torque. What does not is blocked, overloaded, without
+# its horn, or blind.
+#
+# An encoder that is stuck shows earlier: friction holds a servo at one step while its goal moves by twice the error
+# at which the motor breaks away, and no further. A blind servo turns from there on, at a duty that nothing takes
+# back.
 
 GOAL_SPEED = 4.0  # times the no-load speed: a goal that moves so fast calls for full duty within a cycle or two
 REACHED = 0.5  # share of the no-load speed at which a goal counts as reachable

@@ -393,6 +393,10 @@ def _told(stages: Sequence[Mapping[str, Any]], known: Mapping[str, str]) -> str:
 
 
 # --- the sign of a current that a servo reports as a magnitude -------------------------------------------------------
+#
+# Whether present_current has a sign differs by servo and firmware, and no register tells. A servo that has ever
+# reported a negative count has one. Of another one the current has the sign of what drives it: duty times voltage
+# less back-EMF.
 
 SURE = 10  # readings against the drive after which a servo counts as one that reports magnitudes
 

@@ -237,6 +237,9 @@ def _bound_memory() -> None:
 
 
 # --- what an ONNX file holds that a policy may not, read from its bytes before onnxruntime sees them -----------------
+#
+# The format is protobuf: messages of numbered fields. Only the fields that lead to tensors and attributes are
+# followed.
 
 MOST_FIELDS = 1 << 19  # of a file that is read; the largest of policies/ has 2 thousand
 DEEPEST = 40  # messages within messages

@@ -31,6 +31,9 @@ STEP = 0.005  # [s] between two looks at the faults while nobody asks
 class SimulatedClock:
     """The time of one machine, for all ports to it.
 
+    Time passes only while bytes are on the wire, while a reply is waited for, and while somebody sleeps. Time-outs,
+    round trips and overruns are therefore those of this clock, equal in every run, whatever else the computer does.
+
     Attributes:
         time: [s].
         wires: lines to its servos.

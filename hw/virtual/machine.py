@@ -335,6 +335,13 @@ def _driven(chain: Chain, drive: Drive) -> Chain:
 
 
 # --- what a virtual machine hides: how its chains and its robot differ from what everybody believes ------------------
+#
+# The file is YAML, in one of three forms:
+#
+# - a list: the chain that is really on every joint, such as the ``extended.yaml`` of a diagnosis;
+# - a mapping with keys ``stage.parameter``, which change or add a stage on every joint, ``robot.number``, which change
+#   a number of the robot, and ``imu.delay`` and the like (:mod:`sealegs.hw.virtual.imu`);
+# - under the name of a joint, either of the two for that joint alone.
 
 IMU = "imu."
 """Before the keys of an IMU."""

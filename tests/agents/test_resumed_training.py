@@ -245,7 +245,7 @@ def test_a_resumed_run_refuses_another_experiment(finished: Path, capsys: pytest
     assert "keeps its config" in capsys.readouterr().err
 
 
-# --- A new run that begins with what another one learnt: which numbers it takes, which model it has, what is refused--
+# --- A new run that begins with what another one learnt: which numbers it takes, which model it has, what is refused.
 
 TRACK = ["env=track", "robot=bench", *(word for word in SHORT if word != "env=bench")]
 

@@ -156,7 +156,8 @@ def test_a_small_study_goes_from_machines_to_a_table_and_goes_on_where_it_stoppe
         main([*(word for word in small if not word.startswith("seed=")), "seed=7"])
 
 
-# --- one policy in its models and on the machine: the model that has the hidden effect is nearer, and it is said whe--
+# --- one policy in its models and on the machine: the model that has the hidden effect is nearer, and it is said
+# where.
 
 HIDDEN = {"friction.coulomb": 0.25, "delay.seconds": 0.04}
 

@@ -247,7 +247,7 @@ def test_other_names_of_the_same_columns_are_read_too(names: tuple[str, ...], tm
     assert [name.strip("`") for name in read] == [names[0], names[1], names[2], names[5]]
 
 
-# --- A joint that is held, stalled or sags says nothing of its unit or its direction, and is left as it was recorded--
+# --- A joint that is held, stalled or sags says nothing of its unit or its direction, and is left as it was recorded.
 
 MOVED = motion(20.0, 100.0, 0.05, seed=3)
 TIME = MOVED["time"]

@@ -237,6 +237,9 @@ def _named(name: str, values: Mapping[str, Any], text: str) -> Any:
 
 
 # --- units as foreign files write them, each understood to its last letter, and measured by pint ---------------------
+#
+# A unit has one spelling here: ``deg``, ``mA``, ``kgf.cm``, ``0.1 deg``, ``deg/min``. A prefix or a number that is
+# dropped would make a wrong log, so what is not understood whole is no unit.
 
 TABLE = read_yaml(Path(__file__).with_name("units.yaml"))
 

@@ -287,7 +287,8 @@ def test_a_single_name_needs_no_brackets(words: str, tmp_path: Path, capsys: pyt
     assert "none.csv" in said and "must be a list" not in said and not (tmp_path / "out").exists()
 
 
-# --- logs of speed goals: what a hidden wheel does otherwise is found, by a plant that shares no code with the model--
+# --- logs of speed goals: what a hidden wheel does otherwise is found, by a plant that shares no code with the
+# models.
 
 MODEL = """<mujoco><worldbody><body name="rim"><joint name="wheel" axis="0 1 0"/>
 <inertial pos="0 0 0" mass="0.4" diaginertia="0.002 0.004 0.002"/></body></worldbody></mujoco>"""

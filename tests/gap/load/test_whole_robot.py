@@ -227,7 +227,7 @@ def test_joints_that_rest_in_their_friction_stay_there_whatever_the_noise_of_the
         assert np.abs(readings["noisy"][joint] - readings["exact"][joint])[-1] < 0.5 * noise
 
 
-# --- what joints work against along a motion, and joints that an equality ties: judged as one, with the mass of both--
+# --- what joints work against along a motion, and joints that an equality ties: judged as one, with the mass of both.
 
 MASSES, LENGTHS, RATIO = (0.3, 0.2), (0.12, 0.15), -0.8  # of the two fingers [kg, m], and of the ways they go
 STIFFNESS, DAMPING = 6.0, 0.15  # of the servo [N.m/rad, N.m.s/rad]

@@ -281,28 +281,28 @@ def recorded(
         {"friction": {"coulomb": FRICTION, "viscous": VISCOUS}},
     ]
     driven: dict[str, str | list] = {name: chain for name in middles if name != passive}
-    return MeasuredRun("slide_run", time, joints, robot=str(path), actuators=driven, meta={"group": "slide_run"})
+    return MeasuredRun("run", time, joints, robot=str(path), actuators=driven, meta={"group": "run"})
 
 
-def as_host(slide_run: MeasuredRun, joint: str, counts: Callable[[np.ndarray], np.ndarray]) -> MeasuredRun:
-    """The slide_run as a host logs it whose places of a joint count otherwise."""
-    log = slide_run.joints[joint]
+def as_host(run: MeasuredRun, joint: str, counts: Callable[[np.ndarray], np.ndarray]) -> MeasuredRun:
+    """The run as a host logs it whose places of a joint count otherwise."""
+    log = run.joints[joint]
     goal = None if log.goal is None else counts(log.goal)
-    return replace(slide_run, joints={**slide_run.joints, joint: JointLog(goal=goal, position=counts(log.position))})
+    return replace(run, joints={**run.joints, joint: JointLog(goal=goal, position=counts(log.position))})
 
 
-def judged(slide_run: MeasuredRun) -> tuple[dict[str, Frame], dict[str, Finding]]:
-    """The frames in which a diagnosis takes a slide_run, where they are not the model's, and what it says."""
-    runs, findings = in_likely_frames(Machine.of([slide_run]), lambda text: None)
+def judged(run: MeasuredRun) -> tuple[dict[str, Frame], dict[str, Finding]]:
+    """The frames in which a diagnosis takes a run, where they are not the model's, and what it says."""
+    runs, findings = in_likely_frames(Machine.of([run]), lambda text: None)
     frames = {name: frame for name, frame in robot(runs[0]).frames.items() if frame != Frame()}
     assert len({finding.code for finding in findings}) == len(findings)
     return frames, {finding.code: finding for finding in findings}
 
 
-def off(slide_run: MeasuredRun, way: float) -> MeasuredRun:
-    """The slide_run with a position of z that has another zero than its goal [m]."""
-    log = slide_run.joints["z"]
-    return replace(slide_run, joints={**slide_run.joints, "z": replace(log, position=log.position + way)})
+def off(run: MeasuredRun, way: float) -> MeasuredRun:
+    """The run with a position of z that has another zero than its goal [m]."""
+    log = run.joints["z"]
+    return replace(run, joints={**run.joints, "z": replace(log, position=log.position + way)})
 
 
 MIDDLES = {"x": 0.0, "z": 0.05}

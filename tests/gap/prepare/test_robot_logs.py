@@ -259,7 +259,7 @@ def test_a_second_command_that_the_chain_does_not_take_is_reported(tmp_path: Pat
     assert "elbow.torque_command is not used: the chain of joint 'elbow' does not take it" in said.sentence
 
 
-# --- what drives draw from the supply: as logged, by their duty, or by goals and motion; against the testbed's plant--
+# --- what drives draw from the supply: as logged, by their duty, or by goals and motion; against the testbed's plant.
 
 ARM = """<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0"/><geom size=".02" mass=".1"/>
 <body pos="0 0 -.1"><joint name="elbow" axis="0 1 0"/><geom size=".02" mass=".1"/>

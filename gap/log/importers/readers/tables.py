@@ -219,6 +219,8 @@ def _stamp(cells: Any) -> Any:
 
 
 # --- leRobot data sets, versions 2.x and 3.0: ``meta/info.json`` says which columns of the Parquet files are what ----
+#
+# Of version 2.x each episode is a file, of 3.0 a file holds several; the column ``episode_index`` parts them in both.
 
 INFO = Path("meta/info.json")
 MEASURED = "observation.state"
