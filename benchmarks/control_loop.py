@@ -44,7 +44,7 @@ from sealegs.hw.guard.supervisor import Charge, Supervisor
 from sealegs.hw.machine.robot import ServoRobot, nominal_joints
 from sealegs.hw.run.commands import Trajectory
 from sealegs.hw.run.loop import ControlLoop, Outcome
-from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
+from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar, read_events
 from sealegs.hw.virtual.control import Control
 from sealegs.hw.virtual.machine import Machine
 from sealegs.hw.virtual.rig import Rig, mounts
@@ -104,9 +104,7 @@ def part(servos: int, number: int, seconds: float, port: str, control: Control, 
     robot_model, servo = servo_row(servos), load_model("sts3215")
     robot = ServoRobot(robot_model, {}, servo, nominal_joints(robot_model, servo, {}), dict(robot_model.chains))
     bus = ServoBus(port)
-    log = MeasuredLog(
-        folder, f"part{number}", make_sidecar("servo row", {}, robot.belief, {}), robot.names, SIGNALS, ()
-    )
+    log = MeasuredLog(folder, f"part{number}", make_sidecar("servo row", {}, robot.belief, {}), robot.names, ())
     charge = Charge(
         port, 1_000_000, "sts3215", 0.02, robot.ids, "release", SILENCE, os.getpid(), str(log.events_path.resolve())
     )

@@ -185,7 +185,7 @@ class Aligned:
             samples: of the IMU, to take on the way.
             turn: to fill with how a free base is turned (n, 4).
         """
-        machine, joints = self._machine, range(len(self._machine.names))
+        machine, joints, behind = self._machine, range(len(self._machine.names)), self._robot.measures_links
         advance = machine.advance if samples is None else samples.advance
         sent = np.where(np.isfinite(run.sent), run.sent, run.time) if len(run.sent) else run.time
         machine.data.time = times[first]
@@ -201,7 +201,7 @@ class Aligned:
                 columns[name][row + 1] = [value(joint) for joint in joints]
             columns["base"][row + 1] = [machine.position(k) for k in range(len(joints), len(machine.encoders))]
             if run.link.size:
-                columns["link"][row + 1] = [machine.link(joint) for joint in joints]
+                columns["link"][row + 1] = [(machine.link if behind[k] else machine.reading)(k) for k in joints]
             if turn is not None and self._base is not None:
                 turn[row + 1] = machine.base_turn()[0]
 

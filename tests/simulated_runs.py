@@ -33,7 +33,6 @@ from sealegs.hw.virtual.wire import Wire, fault_from
 from benchmarks.bus import servo_row
 from tests.servo_runs import config
 
-SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
 XL330 = ("robot.servo=xl330_m288", "robot.actuator=xl330", "robot.params.mass=0.05", "robot.params.length=0.05")
 """A bench with a Dynamixel."""
 LEGS = ("robot.servo=xl330_m288", "robot.actuator=sts3215")
@@ -262,8 +261,9 @@ class Simulation:
         self.log = None
         if folder is not None:
             sidecar = make_sidecar(robot, settings["params"], self.robot.belief, {})
-            signals = (*SIGNALS, "link_position") if self.robot.measures_links else SIGNALS
-            self.log = MeasuredLog(folder, "run", sidecar, self.robot.names, signals, self.robot.base_names)
+            self.log = MeasuredLog(
+                folder, "run", sidecar, self.robot.names, self.robot.base_names, self.robot.measures_links
+            )
         values = Limits.from_config({**settings["safety"], **(limits or {})})
         wanted = sine() if commands is None else commands
         self.loop = ControlLoop(

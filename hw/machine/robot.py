@@ -50,7 +50,7 @@ class ServoRobot:
         chains: chain that each servo is believed to be.
         belief: the same as a log's sidecar names it: a name, or stages.
         ids: of the servos, in the order of joints.
-        measures_links: whether the far sides of springs have encoders of their own.
+        measures_links: whether the far side of each joint's spring has an encoder of its own (k,).
         registers: counts that the servos were set up with, by name.
         sensors: encoders that drive nothing; of the base in the order of the simulation's coordinates.
         all_ids: of the servos, and behind them of the sensors.
@@ -101,7 +101,7 @@ class ServoRobot:
         self.model_names = [c.terms[0][0] if len(c.terms) == 1 else c.name for c in robot.coordinates]
         links = {sensor.name: k for k, sensor in enumerate(self.sensors, len(self.joints))}
         self._links = [links.get(f"{name}.link", k) for k, name in enumerate(self.names)]
-        self.measures_links = all(f"{name}.link" in links for name in self.names)
+        self.measures_links = np.array([f"{name}.link" in links for name in self.names], bool)
         self.base_names = [sensor.name for sensor in self.sensors if not sensor.name.endswith(".link")]
         self._base = [k for k, sensor in enumerate(self.sensors, len(self.joints)) if sensor.name in self.base_names]
         self.low = np.array([joint.low for joint in self.joints])

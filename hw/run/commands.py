@@ -253,9 +253,8 @@ class Reference:
                 f"robot '{robot.robot.source}' has no reference controller; robot=hopper has one. A gait of any robot "
                 "on legs is reference=walk, a trajectory reference=track."
             )
-        if not robot.measures_links:  # motor and link would read the same, and the goals never change
-            mounted = [sensor.name for sensor in robot.sensors]
-            missing = [link for link in (f"{name}.link" for name in robot.names) if link not in mounted]
+        if not robot.measures_links.all():  # motor and link would read the same, and the goals never change
+            missing = [f"{name}.link" for name, has in zip(robot.names, robot.measures_links, strict=True) if not has]
             raise SealegsError(
                 f"the reference controller feels springs by encoders behind them, but robot.sensors lacks "
                 f"{', '.join(missing)}; mount them and name them there, such as {missing[0]}: {{id: 9}}."

@@ -36,7 +36,7 @@ from .commands import Commands, PolicyCommands, Reference, park_motion, read_exc
 from .connection import Opened, charge_of, checked_hw, opened_bus, opened_imu, opened_port
 from .live import live_view
 from .loop import ControlLoop, Outcome, Stop
-from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
+from .measured_log import MeasuredLog, make_sidecar, read_events
 from .pace import measured, not_kept, realtime
 from .policy import Policy
 from .task_reference import TaskReference, library_excitation
@@ -451,6 +451,5 @@ def _log(deployment: Deployment, port: str, registers: Mapping[str, Mapping[str,
     params = robot.robot.parameters(robot.params) if simulated else robot.params
     word = robot.robot.name if robot.robot.file is None else os.path.relpath(robot.robot.file.path, folder.absolute())
     sidecar = make_sidecar(word, params, robot.belief, meta)
-    signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
     told = {name: "goal_velocity" for name, turns in zip(robot.names, robot.turning, strict=True) if turns}
-    return MeasuredLog(folder, str(name), sidecar, robot.names, signals, robot.log_base, told)
+    return MeasuredLog(folder, str(name), sidecar, robot.names, robot.log_base, robot.measures_links, told)

@@ -40,8 +40,7 @@ FORMATS = {
     "temperature": "%.1f",
     "link_position": "%.6f",
 }
-SIGNALS = tuple(name for name in FORMATS if name != "link_position")
-"""Of every joint; the last of :data:`FORMATS` has an encoder of its own."""
+"""Of the signals of each joint; the last one is of those with an encoder of their own behind the spring."""
 TAKEN = "{}: exists already and a recording is never overwritten; choose another name or folder"
 HOST = ("read_sent", "read_done", "goal_sent")
 """Host's clock [s]: as the request for the readings went out, as the last reply had come, as the goals went out."""
@@ -53,7 +52,7 @@ class MeasuredLog:
     Attributes:
         path: of the table.
         events_path: of the events: starts, failures of the bus, faults, ends; one JSON object a line.
-        signals: of each joint, in the order of columns.
+        cells: which of :data:`FORMATS` there are of each joint (k, s), in the order of columns.
         base: number of columns ``base.*``.
         rows: written so far.
     """
@@ -64,8 +63,8 @@ class MeasuredLog:
         name: str,
         sidecar: Sidecar,
         joints: Sequence[str],
-        signals: Sequence[str],
         base: Sequence[str],
+        links: Sequence[bool] | np.ndarray = (),
         told: Mapping[str, str] | None = None,
     ) -> None:
         """Make the files; the sidecar is on the disk before the first row.
@@ -75,8 +74,8 @@ class MeasuredLog:
             name: of the run, a plain file name.
             sidecar: of the log.
             joints: in the order of rows.
-            signals: of each joint, of those the format knows.
             base: columns ``base.*``.
+            links: whether each joint has an encoder behind its spring (k,); empty: none has.
             told: column of a joint's goals, by joint, where that is not ``goal``.
 
         Raises:
@@ -85,15 +84,17 @@ class MeasuredLog:
         if not name or name != Path(name).name or name.startswith("."):
             raise LogError(f"a run cannot be called {name!r}; use a name that is a plain file name.")
         self.path, self.events_path = folder / f"{name}.csv", folder / f"{name}.events.jsonl"
-        self.signals, self.base = tuple(signals), len(base)
+        self.cells, self.base = np.ones((len(joints), len(FORMATS)), bool), len(base)
+        self.cells[:, -1] = links if len(links) else False
         self.rows = 0
         goals = dict.fromkeys(joints, "goal") | dict(told or {})
-        named = [f"{joint}.{goals[joint] if signal == 'goal' else signal}" for joint in joints for signal in signals]
+        signals = [(joints[k], tuple(FORMATS)[signal]) for k, signal in np.argwhere(self.cells)]
+        named = [f"{joint}.{goals[joint] if signal == 'goal' else signal}" for joint, signal in signals]
         columns = ["time", *named]
         columns += [*(f"base.{item}" for item in base), *(f"host.{item}" for item in HOST)]
         columns += [f"host.{joint}_status" for joint in joints]
         self._format = ",".join(
-            ["%.6f", *(FORMATS[signal] for _ in joints for signal in signals), *("%.6f" for _ in base)]
+            ["%.6f", *(FORMATS[signal] for _, signal in signals), *("%.6f" for _ in base)]
             + ["%.6f"] * len(HOST)
             + ["%d"] * len(joints)
         )
@@ -132,7 +133,7 @@ class MeasuredLog:
 
         Args:
             time: of the readings [s] since the start of the run.
-            signals: (k, s), joints in order, in the order of ``signals``.
+            signals: those of ``cells``, joint by joint.
             base: values of the ``base`` columns.
             host: clock readings of :data:`HOST` [s] since the start of the run; NaN where no goal went out.
             status: fault bits of each joint (k,).
@@ -299,13 +300,13 @@ def write_cycle(
         return
     state = reading.state
     values = {"goal": goal, "link_position": np.where(links, reading.link, np.nan), **vars(reading)}
-    columns = [values[signal] for signal in log.signals]
+    columns = [values[signal] for signal in FORMATS]
     host = (reading.before - zero, reading.after - zero, sent - zero)
     status = state.status[: len(goal)] if state is not None else ()
     measured = np.full(log.base, np.nan)
     found = [*np.where(base, reading.base_position, np.nan), *_turn(reading)][: log.base]
     measured[: len(found)] = found
-    log.write(reading.time - zero, np.stack(columns, axis=1), measured, host, status)
+    log.write(reading.time - zero, np.stack(columns, axis=1)[log.cells], measured, host, status)
 
 
 def _turn(reading: Reading) -> np.ndarray:

@@ -23,7 +23,7 @@ from ..virtual.imu import FetchedImu
 from ..virtual.in_process import bus_in_process
 from .commands import Commands
 from .loop import ControlLoop
-from .measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
+from .measured_log import MeasuredLog, make_sidecar, read_events
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Recording:
         rewards: terms of the reward by name (n,), 0 in cycles without a control step; of a policy only.
         sent: when each cycle's goals went out (n,) [s]; empty: with the reading.
         asked: when the readings were asked for (n,) [s], of which ``time`` is the middle; empty: at ``time``.
-        link: position behind springs (n, k); empty: not measured.
+        link: position behind springs (n, k), of a joint without an encoder there ``position``; empty: none has one.
         turned: how the base turned; None: no IMU said it.
     """
 
@@ -133,9 +133,8 @@ def simulate(
     """
     bus, rig = bus_in_process(robot, hidden=hidden, pose=getattr(commands, "pose", None))
     sidecar = make_sidecar(robot.robot.name, robot.params, robot.belief, {})
-    signals = (*SIGNALS, "link_position") if robot.measures_links else SIGNALS
     with tempfile.TemporaryDirectory() as folder:
-        log = MeasuredLog(Path(folder), "simulated", sidecar, robot.names, signals, robot.log_base)
+        log = MeasuredLog(Path(folder), "simulated", sidecar, robot.names, robot.log_base, robot.measures_links)
         with contextlib.closing(log):
             safety, begins = _Unstopped(robot, limits, 1.0 / rate), partial(setattr, rig, "held", None)
             imu = None if rig.machine.imu is None else FetchedImu(rig.machine.imu, bus.clock.now)
@@ -163,8 +162,9 @@ def recorded(path: Path, commands: Commands, robot: ServoRobot) -> Recording:
     base = np.stack(places, axis=1) if places else np.zeros((len(run.time), 0))
     columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
     columns["velocity"] = velocity_of(run.time, columns["position"])
-    links = [joint.link_position for joint in joints if joint.link_position is not None]
-    link = np.stack(links, axis=1) if len(links) == len(joints) else np.empty((0, 0))
+    links = [joint.position if joint.link_position is None else joint.link_position for joint in joints]
+    behind = any(joint.link_position is not None for joint in joints)
+    link = np.stack(links, axis=1) if behind else np.empty((0, 0))
     sent, asked = (
         run.host[name] - run.time[0] if name in run.host else np.empty(0) for name in ("goal_sent", "read_sent")
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sealegs.evaluation.aligned import Aligned
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus.dialects import Reply
 from sealegs.hw.bus.packets import (
@@ -34,7 +35,7 @@ from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import FaultError, Wire, fault_from, read_faults
 
 from tests.served_bus import served, wired
-from tests.simulated_runs import Simulation
+from tests.simulated_runs import Simulation, sine
 
 IDS = [1, 2]
 TIMEOUT = 0.3  # [s]
@@ -483,3 +484,21 @@ def test_a_silent_encoder_leaves_only_its_own_cells_of_a_log_without_a_value(tmp
     policy: Any = SimpleNamespace(history=[])
     compared = recorded(tmp_path / "run.csv", policy, simulation.robot)
     assert len(compared.time) == (~lost).sum() and np.isfinite(compared.base).all()
+
+
+def test_the_second_encoder_of_one_joint_alone_is_logged_and_compared(tmp_path: Path) -> None:
+    mounted = "robot.sensors={base_x: {id: 5, per_radian: 0.5}, base_z: {id: 6, per_radian: 0.5}, knee.link: {id: 4}}"
+    simulation = Simulation("hopper", mounted, commands=sine(), folder=tmp_path, limits={"range_margin": 3.0})
+    assert simulation.run(1.5).ending == "finished"
+    joints = read_measured(tmp_path / "run.csv").runs[0].joints
+    assert joints["hip"].link_position is None
+    link, motor = joints["knee"].link_position, joints["knee"].position
+    assert link is not None and 0.01 < np.abs(link - motor).max() < 0.5, "the spring between them gives"
+    idle: Any = SimpleNamespace(history=[])
+    run = recorded(tmp_path / "run.csv", idle, simulation.robot)
+    assert (run.link[:, 0] == run.position[:, 0]).all() and (run.link[:, 1] == link).all()
+    predicted = Aligned(simulation.robot).rehearse(run)[0]
+    known = np.isfinite(predicted.position[:, 0])
+    step = simulation.robot.resolution[0]
+    assert np.abs(predicted.link - predicted.position)[known, 0].max() <= step
+    assert np.abs(predicted.link - predicted.position)[known, 1].max() > 10 * step

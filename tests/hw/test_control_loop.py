@@ -24,8 +24,6 @@ from tests.servo_runs import config
 from tests.simulated_runs import Simulation, sine
 from tests.waiting import wait_until
 
-SIGNALS = ("goal", "position", "velocity", "duty", "voltage", "current", "temperature")
-
 
 @pytest.mark.parametrize(
     ("kind", "values", "names", "unreachable"),
@@ -198,9 +196,7 @@ def test_the_dead_mans_switch_is_let_go_when_the_key_is_not_pressed_again() -> N
 
 
 def small_log(folder: Path, rows: int, name: str = "run") -> MeasuredLog:
-    log = MeasuredLog(
-        folder, name, make_sidecar("bench", {"mass": 0.3}, {"a": "sts3215"}, {"rate": 10}), ["a"], SIGNALS, ()
-    )
+    log = MeasuredLog(folder, name, make_sidecar("bench", {"mass": 0.3}, {"a": "sts3215"}, {"rate": 10}), ["a"], ())
     for k in range(rows):
         log.write(0.1 * k, np.full((1, 7), 0.01 * k), (), (0.1 * k, 0.1 * k, float("nan")), [0])
     return log
@@ -299,5 +295,5 @@ def test_files_that_another_run_made_meanwhile_are_not_deleted(
 
     monkeypatch.setattr(measured_log, "write_text", meanwhile)
     with pytest.raises(LogError, match=r"run\.\w+: exists already and a recording is never overwritten; choose"):
-        MeasuredLog(tmp_path, "run", make_sidecar("bench", {}, {"a": "sts3215"}, {}), ["a"], ["position"], ())
+        MeasuredLog(tmp_path, "run", make_sidecar("bench", {}, {"a": "sts3215"}, {}), ["a"], ())
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys(theirs, OTHERS)

@@ -24,7 +24,7 @@ from sealegs.hw.machine.limits import Limits
 from sealegs.hw.machine.robot import build_robot, unlike_the_factory, unlike_the_file
 from sealegs.hw.run import deployment
 from sealegs.hw.run.commands import read_excitation, read_replay
-from sealegs.hw.run.measured_log import SIGNALS, MeasuredLog, make_sidecar, read_events
+from sealegs.hw.run.measured_log import MeasuredLog, make_sidecar, read_events
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.run.task_reference import library_excitation
 
@@ -345,7 +345,7 @@ def test_the_command_that_sets_a_servo_as_the_robots_file_says_can_be_typed() ->
 def test_the_loop_goes_on_with_what_is_done_and_puts_unfinished_logs_aside(tmp_path: Path) -> None:
     sidecar = make_sidecar("bench", {}, {"joint": "sts3215"}, {})
     for name, ending in (("whole", "finished"), ("torn", None)):
-        log = MeasuredLog(tmp_path / "log", name, sidecar, ["joint"], SIGNALS, ())
+        log = MeasuredLog(tmp_path / "log", name, sidecar, ["joint"], ())
         log.write(0.0, np.zeros((1, 7)), (), (0.0, 0.0, 0.0), [0])
         if ending:
             log.event(0.0, "end", ending=ending)
