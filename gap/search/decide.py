@@ -124,8 +124,9 @@ def inconsistent(candidate: Evidence, settings: SearchSettings) -> str:
     Both parts of the data must find it on the same side of doing nothing, about as far from it, far enough to matter.
     """
     a, b = candidate.distances
-    if candidate.scale is not None and max(abs(a), abs(b)) * candidate.scale < settings.least_change:
-        return f"it differs from no effect by less than {100 * settings.least_change:g} %"
+    if max(abs(a), abs(b)) * candidate.scale < settings.least_change:
+        typical = "" if candidate.scale < 1.0 else " of a typical change"
+        return f"it differs from no effect by less than {100 * settings.least_change:g} %{typical}"
     agree = a * b > 0.0 and settings.least_agreement < a / b < 1.0 / settings.least_agreement
     return "" if agree else "the two parts of the data disagree on its size"
 
@@ -303,7 +304,7 @@ def decide(record: SearchRecord, settings: SearchSettings) -> Decision:
             return decision(open=True)
         if over or not one_pays(this, order, settings, further=bool(names)):
             if step.winner is not None:
-                break
+                return decision(open=this.led)  # others may have paid that were tried with it
             ended = True
             continue
         names.append(seen[order[0].index].name)

@@ -47,6 +47,7 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
         tried = _tried(searcher, shown, others, without, found.rounds[at].candidates)
         fitted += searcher.fitted(tried, others, without, begin, instead=own)
         fitted += _known(searcher, found.rounds[at].candidates, others, fitted)
+        own = fitted[0] = _from_the_best(searcher, own, others, fitted)
     record, without = searcher.recorded(others, fitted, without, begin, NEVER, instead=own)
     order, ranked = searcher.standings(record, fitted)
     chosen = decide.in_place(record, order, key, searcher.settings)
@@ -80,6 +81,19 @@ def _tried(
     first = list(dict.fromkeys(cause.key for cause, _ in screened.chosen))[: searcher.settings.finalists]
     before = [(c.cause, c.variant) for c in rivals if c.cause.key not in first and c.cause in shown]
     return [*(pair for pair in screened.chosen if pair[0].key in first), *before]
+
+
+def _from_the_best(
+    searcher: Rounds, own: Candidate, others: Sequence[Candidate], fitted: Sequence[Candidate]
+) -> Candidate:
+    """What stands in a place, fitted again from the optimum of what beats it there: that may lie in the others."""
+    order = decide.ranked([one.evidence for one in fitted], searcher.settings)
+    if not order or fitted[order[0]] is own:
+        return own
+    start = {**middle(*own.fits), **middle(*fitted[order[0]].fits)}
+    again = searcher.judged(searcher.fit_both(searcher.parameters((*others, own)), start))
+    better = again.blocks.sum() < own.blocks.sum()
+    return searcher.candidate(own.cause, own.variant, again) if better else own
 
 
 def _known(

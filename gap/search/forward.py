@@ -14,6 +14,8 @@ from .record import SearchRecord, Step
 from .result import Round, Search
 from .rounds import Rounds
 from .state import Found
+from .subsets import Subset
+from .usual import begin_with
 
 NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 
@@ -22,15 +24,25 @@ NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 class Searcher(Rounds):
     """A search in progress over one problem; :class:`.rounds.Rounds` has its attributes."""
 
-    def run(self) -> Search:
-        """Search until no further cause pays, or until numbers fail it: what was found until then is kept."""
+    def run(self, usual: Subset | None = None, *, single: bool = False) -> Search:
+        """Search until no further cause pays, or until numbers fail it: what was found until then is kept.
+
+        Args:
+            usual: causes that it begins with, in place of none.
+            single: end with the first cause.
+        """
         self.progress("tuning the nominal model")
         base = self.judged(self.fit_both(self.tuned, self.start))
         found, fault = Found(base), ""
         led = bool(self.led)  # what one run of many showed first is little of the loss of all of them
         try:
-            self.forward(found)
-            while not led and (exchanged(self, found) or paired(self, found)):
+            if usual is not None:
+                begin_with(self, found, usual)
+            if single:
+                self.step(found)
+            else:
+                self.forward(found)
+            while not (led or single) and (exchanged(self, found) or paired(self, found)):
                 self.forward(found)
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"

@@ -99,6 +99,14 @@ def look(problem: Problem, wide: Sequence[Parameter], causes: Sequence[Cause], s
             owner[first.path] = cause.name
             more.append(first)
     parameters = tuple(merge(wide, more))
+    found = looked(part, parameters, causes)
+    bounds = intervals(part, parameters, found, draws=DRAWS)
+    before, after = (rms(part.position_error(row)) for row in (part.simulate([{}])[0], found.simulated))
+    return Look(part, parameters, found, bounds, owner, (before, after))
+
+
+def looked(part: Problem, parameters: Sequence[Parameter], causes: Sequence[Cause]) -> Fit:
+    """One fit of many parameters, also from the other start that a delay has among its causes."""
     found = fit(part, parameters, None, ITERATIONS)
     # columns that are read once a sample leave a delay minima of their own, a sample apart
     apart = 0.5 * min(periods_of(part))
@@ -108,9 +116,7 @@ def look(problem: Problem, wide: Sequence[Parameter], causes: Sequence[Cause], s
             other = fit(part, parameters, {last.path: last.start}, ITERATIONS)
             elsewhere = abs(other.values[last.path] - found.values[last.path]) > apart
             found = other if elsewhere and other.cost < found.cost else found
-    bounds = intervals(part, parameters, found, draws=DRAWS)
-    before, after = (rms(part.position_error(row)) for row in (part.simulate([{}])[0], found.simulated))
-    return Look(part, parameters, found, bounds, owner, (before, after))
+    return found
 
 
 def in_place_of(seen: Look, number: str, other: Sequence[Parameter]) -> Fit:

@@ -100,7 +100,7 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
     if TOGETHER in first.cause.key or decide.finished(begin, settings):
         return None
     searcher.progress(f"asking whether {first.cause.key} with another does as well in the place of {own.cause.key}")
-    fitted, _ = searcher.fit_round([*others, first], searcher.of(first), begin, instead=own)
+    fitted, _ = searcher.fit_round([*others, first], searcher.of(first), begin, instead=own, most=1)
     second = min(fitted, key=lambda one: float(one.blocks.sum()), default=None)
     if second is None:
         return None

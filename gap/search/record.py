@@ -33,7 +33,7 @@ class Evidence:
         blocks: loss of each block under the fit that did not see it (b,).
         sampled: loss per value of what is judged sample by sample.
         distances: of the first parameter from doing nothing in the two parts, in parts of its scale.
-        scale: that of a number that is moved as a logarithm, so relative; None: the number has no relative size.
+        scale: that of a number that is moved as a logarithm, so relative; 1 of others: in parts of a typical change.
         contradicted: share of the samples that contradict the cause.
         values: of all parameters in the fits to the two parts.
         excess: loss per value beyond that of the noise with it; NaN where it was not asked.
@@ -47,7 +47,7 @@ class Evidence:
     blocks: np.ndarray
     sampled: float
     distances: tuple[float, float]
-    scale: float | None
+    scale: float
     contradicted: float
     values: tuple[Mapping[str, float], Mapping[str, float]]
     excess: float = float("nan")
@@ -173,6 +173,7 @@ def _read_round(document: Mapping[str, Any]) -> RoundRecord:
                 **row,
                 "blocks": np.array(row["blocks"]),
                 "distances": tuple(row["distances"]),
+                "scale": row["scale"] or 1.0,  # None of what has no relative size, in older records
                 "values": tuple(row["values"]),
             }
         )

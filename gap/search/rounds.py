@@ -164,7 +164,7 @@ class Rounds:
             blocks=judged.blocks,
             sampled=judged.sampled,
             distances=(a, b),
-            scale=first.scale if first.logarithmic else None,
+            scale=first.scale if first.logarithmic else 1.0,
             contradicted=contradicted(self.both, cause, variant, judged.fits),
             values=(judged.fits[0].values, judged.fits[1].values),
             limit="" if cause.degenerates_to is None else cause.degenerates_to.cause,
@@ -174,7 +174,12 @@ class Rounds:
     # --- one round -------------------------------------------------------------------------------------------------
 
     def fit_round(
-        self, accepted: Sequence[Candidate], current: Judged, left: float, instead: Candidate | None = None
+        self,
+        accepted: Sequence[Candidate],
+        current: Judged,
+        left: float,
+        instead: Candidate | None = None,
+        most: int | None = None,
     ) -> tuple[list[Candidate], float]:
         """Fitted variants of a round in the order of their rough costs, and what the screen promised.
 
@@ -183,6 +188,7 @@ class Rounds:
             current: the model.
             left: its loss per value beyond that of the noise.
             instead: a cause in whose place one of the model's and one of the round are tried together.
+            most: causes that are fitted to convergence; default: as the settings say.
         """
         extended = self.parameters(accepted)
         here = middle(*current.fits)
@@ -196,7 +202,7 @@ class Rounds:
         if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
         chosen = to_try(screened.chosen, shown, self.numbers, blind=left > self.settings.far)
-        found = self.fitted(chosen, accepted, current, left, instead)
+        found = self.fitted(chosen, accepted, current, left, instead, most)
         parted = [] if instead is not None else self.parted(chosen, accepted, current, left)
         return [*found, *parted], screened.promise
 
@@ -228,6 +234,7 @@ class Rounds:
         current: Judged,
         left: float,
         instead: Candidate | None = None,
+        most: int | None = None,
     ) -> list[Candidate]:
         """Variants fitted on top of a model in the order of their rough costs, less those that are far behind.
 
@@ -237,6 +244,7 @@ class Rounds:
             current: the model.
             left: its loss per value beyond that of the noise.
             instead: a cause in whose place they are tried.
+            most: causes that are fitted to convergence; default: as the settings say.
         """
         if not chosen:
             return []
@@ -278,6 +286,8 @@ class Rounds:
                     continue  # another of its cause's variants does better
                 joined[cause.key] = min(cost, joined[cause.key])
                 found.append(self.finalist(extended, joint, cause, variant))
+                if len(joined) == most:
+                    break
         if passed and not found and instead is None:  # a round says what came nearest
             found = [self.finalist(extended, *min(passed, key=lambda row: charged(*row, settings)))]
         shown = self.open_causes([*accepted, *([] if instead is None else [instead])])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from .changed import with_changed_numbers
+from .forward import NUMERICAL, Searcher
 from .led import search_led
 from .loose import charged, search_loosely
 from .result import Search
+from .subsets import Subset
 from .tied import leaves_tie, search_tied
+from .usual import usual_causes
 
-if TYPE_CHECKING:
-    from .forward import Searcher
+SEVERAL = 2  # causes, of which a search that adds one at a time may take what stands in for both
 
 
 def seek(searcher: Searcher) -> Search:
@@ -25,30 +26,37 @@ def seek(searcher: Searcher) -> Search:
 
 def _ways(searcher: Searcher) -> tuple[Search, ...]:
     """What is found within the tolerance of the numbers, and what is taken in the end; one where they are the same."""
-    first = without_the_first(searcher, searcher.run())
-    taken = search_tied(searcher, search_loosely(searcher, first))
+    first, usual = from_usual(searcher)
+    taken = search_tied(searcher, search_loosely(searcher, first), usual)
     return (first, taken) if taken.loose else (taken,)
 
 
-def without_the_first(searcher: Searcher, found: Search) -> Search:
-    """What is found where the cause that came first is left out, if much stays beside it and what is found then is
-    better, or as good with fewer causes.
+def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
+    """What is found from nothing, or beginning with the usual causes that the log needs, where they are several.
 
-    A cause that stands in for several together comes before each of them, as a higher resistance does for a heavier
-    rotor and a heavier load: in its place alone none of them does as well, and further causes mend what it is not.
+    The better is taken; of two as good, the one with fewer causes. Where the usual ones leave little, only a
+    single cause is sought from nothing.
+
+    Returns:
+        With the causes that it began with, if it did.
     """
-    if not found.accepted or not searcher.excess(found.fits) > searcher.settings.open_excess:
-        return found
-    first = found.accepted[0].cause.key
-    searcher.progress(f"seeking without {first}")
-    causes = [cause for cause in searcher.considered if cause.key != first]
-    without = replace(searcher, causes=causes)
-    other = replace(search_tied(without, without.run()), causes=searcher.considered)
-    if not other.accepted:
-        return found
+    try:
+        usual = usual_causes(searcher)
+    except NUMERICAL as error:
+        searcher.progress(f"the fit of all usual causes failed numerically ({type(error).__name__}: {error})")
+        usual = None
+    if usual is None or len(usual.forms) < SEVERAL:
+        return searcher.run(), None
+    found = searcher.run(usual)
+    explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess
+    other = replace(searcher).run(single=explained)
+    if not (found.accepted and other.accepted):
+        return (found, usual) if found.accepted else (other, None)
     (here, used), (there, needed) = _worth(searcher, found), _worth(searcher, other)
     alike = abs(there - here) <= searcher.settings.shared_error * max(here, there, float(searcher.counts.sum()))
-    return other if (needed < used if alike else there < here) else found
+    if not (needed < used if alike else there < here):
+        return found, usual
+    return replace(searcher).run() if explained else other, None
 
 
 def _worth(searcher: Searcher, found: Search) -> tuple[float, int]:

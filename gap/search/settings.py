@@ -168,7 +168,10 @@ class SearchSettings:
         0.9, "Loss of refitted numbers beside causes, relative to that of the causes, below which they are sought so."
     )
     least_change: float = threshold(
-        0.01, "Relative change of a number below which it is no finding: no number is known better.", decides=True
+        0.01,
+        "Relative change of a number below which it is no finding: no number is known better. Of what is nothing in "
+        "the nominal model, in parts of a typical change.",
+        decides=True,
     )
     most_contradicted: float = threshold(
         2e-3, "Share of samples that may contradict a cause, as duties above a fitted limit do.", decides=True

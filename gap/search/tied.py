@@ -16,22 +16,24 @@ from .settings import SearchSettings
 
 if TYPE_CHECKING:
     from .forward import Searcher
+    from .subsets import Subset
 
 GAIN = 0.2  # share of what is left that they must remove
 NEVER = 1.0  # which nothing exceeds
 
 
-def search_tied(searcher: Searcher, found: Search) -> Search:
+def search_tied(searcher: Searcher, found: Search, usual: Subset | None) -> Search:
     """What is found with ties named, where a search ended on one; else what was found.
 
     Args:
         searcher: that found something.
         found: by it, or beside refitted numbers.
+        usual: causes that it began with.
     """
     if found.loose or not leaves_tie(searcher, found):
         return found
     searcher.progress("several causes fit alike and remove much: going on with one of them")
-    return replace(searcher, settings=replace(searcher.settings, shared_win_gain=GAIN)).run()
+    return replace(searcher, settings=replace(searcher.settings, shared_win_gain=GAIN)).run(usual)
 
 
 def leaves_tie(searcher: Searcher, found: Search) -> bool:

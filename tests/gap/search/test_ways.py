@@ -111,7 +111,7 @@ class Sought:
         (cause,) = catalogue(self.problem.models[0], ["friction.coulomb"])
         fit = Fit({}, np.zeros(0), 1.0)
         blocks = np.ones(4)
-        evidence = Evidence(cause.key, cause.error, 1, True, blocks, 1.0, (1.0, 1.0), None, 0.0, ({}, {}))
+        evidence = Evidence(cause.key, cause.error, 1, True, blocks, 1.0, (1.0, 1.0), 1.0, 0.0, ({}, {}))
         one = Candidate(cause, cause.variants[0], (fit, fit), evidence)
         self.led = ()
         return Search((), (one,), (Round(2.0 * blocks, (one,), True),), blocks, (fit, fit), (cause,))
