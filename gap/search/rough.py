@@ -50,30 +50,35 @@ def rough_fits(
     sketch: Problem,
     chosen: Sequence[tuple[Cause, Variant]],
     extended: Sequence[Parameter],
-    here: Mapping[str, float],
+    starts: Sequence[Mapping[str, float]],
     settings: SearchSettings,
     known: float | None = None,
 ) -> list[tuple[Fit, Cause, Variant]]:
     """A few iterations for each variant, least cost first; effects that are far behind get one.
 
+    What stands in a place and what is tried there may do much the same, or nothing alike: the optimum of the model with
+    it is a start, and that of the model without it another.
+
     Args:
         sketch: of the data.
         chosen: what is tried, the best of the screen first.
         extended: parameters of the model.
-        here: their values.
+        starts: their values, of which each variant goes on from the one that leads further.
         settings: thresholds.
         known: cost of the cause in whose place they are tried, which effects are held against, too.
     """
-    first = [fit(sketch, merge(extended, variant), here, 1) for _, variant in chosen]
-    least = min((found.cost for found in first), default=0.0)
-    least = least if known is None else min(least, known)
-    rough = []
     foreseen = {cause.key for cause, _ in chosen[: settings.foreseen]}
-    for found, (cause, variant) in zip(first, chosen, strict=True):
-        if found.cost < settings.hopeless_cost * least or cause.error or cause.key in foreseen:
-            more = settings.rough_iterations - 1
-            found = fit(sketch, merge(extended, variant), found.values, more)
-        rough.append((found, cause, variant))
+    rough: list[tuple[Fit, Cause, Variant]] = []
+    first = [[fit(sketch, merge(extended, variant), here, 1) for here in starts] for _, variant in chosen]
+    least = min((found.cost for each in first for found in each), default=0.0)
+    least = least if known is None else min(least, known)
+    for each, (cause, variant) in zip(first, chosen, strict=True):
+        further = [
+            fit(sketch, merge(extended, variant), found.values, settings.rough_iterations - 1)
+            for found in each
+            if found.cost < settings.hopeless_cost * least or cause.error or cause.key in foreseen
+        ]
+        rough.append((min(further or each, key=lambda one: one.cost), cause, variant))
     return sorted(rough, key=lambda row: charged(*row, settings))
 
 

@@ -250,12 +250,13 @@ class Rounds:
             return []
         settings, extended, here = self.settings, self.parameters(accepted), middle(*current.fits)
         self.progress(f"trying {', '.join(dict.fromkeys(cause.key for cause, _ in chosen))}")
-        known = None
+        known, starts = None, [here]
         if instead is not None:
             there = middle(*instead.fits)
             turned = [p for p in self.parameters((*accepted, instead)) if p.path in there]
             known = fit(self.sketch, turned, there, 0).cost
-        rough = rough_fits(self.sketch, chosen, extended, here, settings, known)
+            starts.append({p.path: there[p.path] for p in extended if p.path in there})
+        rough = rough_fits(self.sketch, chosen, extended, starts, settings, known)
         least = rough[0][0].cost if known is None else min(known, rough[0][0].cost)
         order = list(dict.fromkeys(cause.key for _, cause, _ in rough))
         near = {cause.key for found, cause, _ in rough if found.cost < settings.finalist_cost * least}

@@ -379,7 +379,7 @@ def test_what_the_screen_puts_first_is_not_abandoned_after_an_iteration(
 
     monkeypatch.setattr(rough, "fit", fit)
     nothing: Any = None
-    rough.rough_fits(nothing, chosen, (), {}, DEFAULT)
+    rough.rough_fits(nothing, chosen, (), [{}], DEFAULT)
     assert calls.count(range(len(chosen))[place]) == tries
 
 
