@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from ..actuators.engine import install
 from ..envs.engine import turns
-from ..envs.engine.imu import Imu, Spread
+from ..envs.engine.imu import Imu, Spread, Switches
 from ..envs.engine.keyed import key_of
 from ..envs.engine.model_poses import Pose, stand
 from ..gap.ground.tree_model import PLANE, touching
@@ -57,6 +57,7 @@ class Aligned:
         sensors = {sensor.name: 1.0 for sensor in robot.sensors if not sensor.name.endswith(".link")}
         self._robot = robot
         self._machine = Machine(robot.robot, dict(robot.chains), None, robot.params, sensors)
+        self._switches = Switches(self._machine.model, () if robot.imu is None else robot.imu.switches)
         self._base = self._unmeasured_base()
         self._fixed = [self._machine.model.joint(name).id for name in self._driven_joints()]
 
@@ -107,16 +108,26 @@ class Aligned:
         return {model.joint(k).name for k in range(model.njnt)} & (names | base)
 
     def predict(self, run: Recording, window: float = WINDOW) -> Recording:
-        """``run`` as the model predicts it from its state at the start of each window; NaN outside of windows."""
-        return self._predicted(run, window)[0]
+        """``run`` as the model predicts it from its state at the start of each window; NaN outside of windows.
 
-    def _predicted(self, run: Recording, window: float) -> tuple[Recording, np.ndarray]:
+        Its IMU has the samples within them, where contact switches are on its board.
+        """
+        samples = self._samples(run)
+        predicted, _ = self._predicted(run, window, samples if samples.switched else None)
+        return replace(predicted, turned=samples.taken())
+
+    def _predicted(
+        self, run: Recording, window: float, samples: _Samples | None = None
+    ) -> tuple[Recording, np.ndarray]:
         """The prediction, and how a free base is turned in it (n, 4)."""
         columns, turn = blank(run), np.full((len(run.time), 4), np.nan)
         for first, last in windows(run, window):
             self._put(run, first)
-            self._follow(run, first, last, run.time, columns, turn=turn)
+            self._follow(run, first, last, run.time, columns, samples, turn)
         return _recording(run, columns), turn
+
+    def _samples(self, run: Recording) -> _Samples:
+        return _Samples(self._machine, self._switches, run.turned)
 
     def rehearse(self, run: Recording, window: float = WINDOW) -> tuple[Recording, Recording]:
         """What :meth:`predict` would come to if the machine were the model: what was measured, and its prediction.
@@ -137,6 +148,7 @@ class Aligned:
         steps = np.concatenate([self._steps["position"], self._steps["base"], np.full(leans.shape[1], told)])
         near = np.maximum(DEPARTS * places.std(axis=0), 2.0 * steps)
         state, there = np.zeros(mujoco.mj_stateSize(model, WHOLE)), np.full(len(steps), np.inf)
+        taken, foretold = self._samples(run), self._samples(run)
         for first, last in windows(run, window):
             begin = first - stride
             if (np.abs(there - places[begin]) < near).all():
@@ -146,8 +158,9 @@ class Aligned:
             else:
                 self._put(run, begin)
             read = blank(run)
-            samples = _Samples(self._machine, run.turned)
+            samples = self._samples(run)
             self._follow(run, begin, first, asked, read, samples)
+            before = len(samples)
             mujoco.mj_getState(model, data, state, WHOLE)
             there = np.concatenate([read["position"][first], read["base"][first], samples.lean])
             self._follow(run, first, last, asked, read, samples)
@@ -158,12 +171,14 @@ class Aligned:
             part = replace(_recording(run, read), sent=run.sent, turned=samples.read(imu, last)).cut(rows)
             foreseen = blank(part)
             self._put(part, 1)
-            self._follow(part, 1, len(rows) - 1, part.time, foreseen)
+            self._follow(part, 1, len(rows) - 1, part.time, foreseen, foretold if foretold.switched else None)
+            taken.add(samples, before)
             for name in measured:
                 if measured[name].size:
                     measured[name][first + 1 : last + 1] = read[name][first + 1 : last + 1]
                     predicted[name][first + 1 : last + 1] = foreseen[name][2:]
-        return _recording(run, measured), _recording(run, predicted)
+        found, foreknown = _recording(run, measured), _recording(run, predicted)
+        return replace(found, turned=taken.taken()), replace(foreknown, turned=foretold.taken())
 
     def _follow(
         self,
@@ -258,11 +273,15 @@ class Aligned:
 class _Samples:
     """What the IMU of a simulated machine says at the times at which that of another one was read."""
 
-    def __init__(self, machine: Machine, other: Turned | None) -> None:
-        self._machine = machine
+    def __init__(self, machine: Machine, switches: Switches, other: Turned | None) -> None:
+        self._machine, self._switches = machine, switches
+        self.switched = other is not None and other.switches.shape[1] > 0
         self._due = np.empty(0) if other is None else other.time
         self._times: list[float] = []
-        self._found: list[tuple[np.ndarray, np.ndarray]] = []
+        self._found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def __len__(self) -> int:
+        return len(self._times)
 
     @property
     def lean(self) -> np.ndarray:
@@ -274,18 +293,32 @@ class _Samples:
         for due in self._due[(self._due > self._machine.time) & (self._due <= time)].tolist():
             self._machine.advance(due)
             self._times.append(due)
-            self._found.append(self._machine.base_turn())
+            self._found.append((*self._machine.base_turn(), self._switches.closed(self._machine.data.sensordata)))
         self._machine.advance(time)
+
+    def add(self, other: _Samples, since: int) -> None:
+        """Take those of another from a number on."""
+        self._times += other._times[since:]
+        self._found += other._found[since:]
+
+    def taken(self) -> Turned | None:
+        """All of them, true; None: there is none."""
+        if not self._times:
+            return None
+        orientation, turn_rate, switches = (np.array(values) for values in zip(*self._found, strict=True))
+        return Turned(np.array(self._times), orientation, turn_rate, switches)
 
     def read(self, imu: Imu | None, number: int) -> Turned | None:
         """The samples with the noise of an IMU, which ``number`` draws; how it leans is fitted, so it does not."""
-        if imu is None or not self._times:
+        true = self.taken()
+        if imu is None or true is None:
             return None
         plain = replace(imu, bias=Spread(0.0, imu.bias.turn_rate))
-        orientation, turn_rate = (np.array(values) for values in zip(*self._found, strict=True))
         key, count = key_of(np.full(len(self._times), 0.5)), len(self._times)
-        read = plain.measured(orientation, turn_rate, key, number * count + np.arange(count))
-        return Turned(np.array(self._times), *read)
+        orientation, turn_rate = plain.measured(
+            true.orientation, true.turn_rate, key, number * count + np.arange(count)
+        )
+        return replace(true, orientation=orientation, turn_rate=turn_rate)
 
 
 def _lengths(run: Recording, window: float) -> tuple[int, int]:
@@ -319,6 +352,31 @@ def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.
     difference = np.concatenate([predicted.position - run.position, predicted.base - run.base], axis=1)
     rows = [np.nanmean(difference[first + 1 : last + 1] ** 2, axis=0) for first, last in windows(run, window)]
     return np.array(rows).reshape(len(rows), difference.shape[1])
+
+
+def touches(run: Recording, predicted: Recording, window: float = WINDOW) -> tuple[np.ndarray, np.ndarray]:
+    """How the contact switches of a model follow those of the machine, in the windows of :meth:`Aligned.predict`.
+
+    Returns:
+        Share of the samples in which both are closed, or both open (s,), and by how much later the model's close, mean
+        of the windows in which both do (s,) [s]; NaN where none does.
+    """
+    ours, theirs = run.turned, predicted.turned
+    if ours is None or theirs is None or not theirs.switches.size:
+        return np.empty(0), np.empty(0)
+    time, rows, columns = np.intersect1d(ours.time, theirs.time, return_indices=True)
+    measured, modelled = ours.switches[rows], theirs.switches[columns]
+    known = np.isfinite(measured)
+    agrees = (known & (measured == modelled)).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    later: list[list[float]] = [[] for _ in agrees]
+    for first, last in windows(run, window):
+        inside = (time > run.time[first]) & (time <= run.time[last])
+        for k, found in enumerate(later):
+            closings = [np.flatnonzero(np.diff(rows[inside, k]) > 0.0) for rows in (measured, modelled)]
+            if all(map(len, closings)):
+                here, there = (time[inside][1 + rows[0]] for rows in closings)
+                found.append(float(there - here))
+    return agrees, np.array([np.mean(found) if found else np.nan for found in later])
 
 
 def ratios(found: np.ndarray, accounted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

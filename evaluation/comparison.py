@@ -19,8 +19,8 @@ from ..hw.run.asked import GAMEPAD, KEYS
 from ..hw.run.commands import PolicyCommands
 from ..hw.run.policy import Policy
 from ..hw.run.simulated import Recording, recorded, simulate
-from .aligned import DEPARTS, WINDOW, Aligned, ratios, squares
-from .figures import Figures, measure, rms_by_unit, told
+from .aligned import DEPARTS, WINDOW, Aligned, ratios, squares, touches
+from .figures import Contact, Figures, measure, rms_by_unit, told
 
 MACHINE = "machine"
 LASTS = 3  # cycles in a row that it takes
@@ -136,6 +136,7 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
             departs=first,
             departs_at=departures[first] if first else None,
             departures=departures,
+            contacts=contacts_of(robot, touches(level, predicted), touches(rehearsed, foreseen)[0]),
         )
     runs[MACHINE], figures[MACHINE] = machine, measure(machine, robot)
     note = NOMINAL_MACHINE if config["extended"] is not None and hides_nothing(config["hw"]["virtual"]) else ""
@@ -166,6 +167,14 @@ def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[
         "gap": float(ratio[worst]) if there else None,
         "gap_at": names[worst] if there else None,
     }
+
+
+def contacts_of(robot: ServoRobot, found: tuple[np.ndarray, np.ndarray], accounted: np.ndarray) -> dict[str, Contact]:
+    """Of each contact switch of a robot, from what :func:`touches` gives of model and machine, and of the rehearsal."""
+    if robot.imu is None or not len(found[0]):
+        return {}
+    rows = zip(robot.imu.switches, found[0].tolist(), accounted.tolist(), found[1].tolist(), strict=True)
+    return {switch.name: Contact(*figures) for switch, *figures in rows}
 
 
 def verdict(figures: Figures) -> str:
@@ -286,6 +295,13 @@ ROWS: tuple[tuple[str, str, float], ...] = (
 )
 
 
+CONTACT_ROWS: tuple[tuple[str, str, float], ...] = (
+    ("contact as on the machine [% of time]", "agrees", 100.0),
+    ("the same of a model that is the machine", "accounted", 100.0),
+    ("closes later than the machine's [ms]", "later", 1e3),
+)
+
+
 def table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
     """Header and rows of the comparison, as text."""
     names = [*[name for name in comparison.figures if name != MACHINE], MACHINE]
@@ -300,6 +316,11 @@ def table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
         if all(math.isnan(value) for value in values):
             continue
         rows.append([label, *("-" if math.isnan(value) else f"{value:.4g}" for value in values)])
+    for label, field, factor in CONTACT_ROWS:
+        for switch in comparison.figures["nominal"].contacts:
+            found = [comparison.figures[name].contacts.get(switch) for name in names]
+            values = [math.nan if contact is None else getattr(contact, field) * factor for contact in found]
+            rows.append([f"{switch}: {label}", *("-" if math.isnan(value) else f"{value:.3g}" for value in values)])
     rows.append(["first to depart", *(comparison.figures[name].departs or "-" for name in names)])
     times = [comparison.figures[name].departs_at for name in names]
     rows.append(["  after [s]", *("-" if at is None else f"{at:.2f}" for at in times)])

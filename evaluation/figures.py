@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,21 @@ from ..hw.machine.robot import ServoRobot
 from ..hw.run.simulated import Recording
 
 SLOWEST = 0.3  # [Hz] below which nothing counts as a frequency
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How a contact switch of a model follows that of the machine, over windows as of :attr:`Figures.same_goals`.
+
+    Attributes:
+        agrees: share of the time in which both are closed, or both open.
+        accounted: the same where model and machine are one.
+        later: by which the model's closes, mean [s]; NaN where it does not within a window.
+    """
+
+    agrees: float
+    accounted: float
+    later: float
 
 
 @dataclass(frozen=True)
@@ -38,6 +53,7 @@ class Figures:
         departs: signal by which it first departs from the machine, None where none does.
         departs_at: when [s].
         departures: time at which each signal departs [s], those that do.
+        contacts: of each contact switch, by name.
     """
 
     seconds: float
@@ -57,6 +73,7 @@ class Figures:
     departs: str | None = None
     departs_at: float | None = None
     departures: Mapping[str, float] | None = None
+    contacts: Mapping[str, Contact] = field(default_factory=dict)
 
 
 def measure(run: Recording, robot: ServoRobot, **more: Any) -> Figures:

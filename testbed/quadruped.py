@@ -113,7 +113,7 @@ def walk(
     feet: np.ndarray, moving: np.ndarray, force: np.ndarray, mass: float, inertia: np.ndarray, radius: float,
     start: np.ndarray, every: int,
 ) -> np.ndarray:  # fmt: skip
-    """Positions and quaternions of the body (samples, 7).
+    """Positions and quaternions of the body, and what presses on each foot [N] (samples, 11).
 
     ``feet`` and ``moving`` are places and speeds of the feet in the body's frame (steps, 4, 3), ``force`` what pushes
     the body along y (steps,).
@@ -123,11 +123,11 @@ def walk(
     speed, spin = np.zeros(3), np.zeros(3)
     normal = np.array([-np.sin(slope), 0.0, np.cos(slope)])
     held, touching = np.zeros((4, 3)), np.zeros(4)
-    out = np.empty((steps // every + 1, 7))
+    out, pressed = np.empty((steps // every + 1, 11)), np.zeros(4)
     rows = 0
     for k in range(steps):
         if k % every == 0:
-            out[rows, :3], out[rows, 3:] = place, turned
+            out[rows, :3], out[rows, 3:7], out[rows, 7:] = place, turned, pressed
             rows += 1
         matrix = _turn(turned)
         total, torque = np.array([0.0, force[k], -mass * 9.81]), np.zeros(3)
@@ -137,7 +137,7 @@ def walk(
             rate = speed + matrix @ moving[k, leg] + np.cross(matrix @ spin, arm)
             depth = -(point @ normal)
             if depth <= 0.0:
-                touching[leg] = 0.0
+                touching[leg], pressed[leg] = 0.0, 0.0
                 continue
             push = max(stiffness * depth - damping * (rate @ normal), 0.0)
             along = point + depth * normal
@@ -151,6 +151,7 @@ def walk(
                 pull = pull * (most / size)
                 held[leg] = along + (pull + shear_damping * slide) / shear
             pushed = push * normal + pull
+            pressed[leg] = np.sqrt(pushed @ pushed)
             total += pushed
             torque += np.cross(arm, pushed)
         own = matrix.T @ torque
@@ -257,7 +258,7 @@ def _log(
         }
         for k, joint in enumerate(JOINTS)
     }
-    w, x, y, z = body[:, 3:].T
+    w, x, y, z = body[:, 3:7].T
     turns = {
         "roll": np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
         "pitch": np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0)),
@@ -265,7 +266,7 @@ def _log(
     }
     base = {key: body[:, k] + rng.normal(0.0, POSITION_NOISE, len(time)) for k, key in enumerate("xyz")}
     base |= {key: turn + rng.normal(0.0, TURN_NOISE, len(time)) for key, turn in turns.items()}
-    base = base if imu is None else dict(imu.columns(time, body[:, 3:], rng))
+    base = base if imu is None else {**imu.columns(time, body[:, 3:7], rng), **imu.pressed(time, body[:, 7:])}
     return Recording(
         name=name, time=time, joints=joints, base=base, robot=str(path), robot_params={},
         actuators=dict.fromkeys(JOINTS, nominal_chain()),
@@ -275,6 +276,7 @@ def _log(
 # --- its IMU: axes, delays, noise and faults -------------------------------------------------------------------------
 
 
+CLOSES = 1.0  # [N] of a contact switch
 NOISE = {"turn": 0.005, "rate": 0.02}  # [rad], [rad/s] of a sample
 
 
@@ -289,6 +291,9 @@ class BoughtImu:
         axes: what its driver makes of the turn rates that it measures (3, 3).
         unit: of the turn rates, in rad/s.
         inverse: whether its quaternion turns the other way.
+        feet: leg on whose foot each contact switch is, by the name of the leg that its owner believes; "": nothing
+            presses on it.
+        opened: switches that a foot opens.
     """
 
     delay: float = 0.01
@@ -297,6 +302,16 @@ class BoughtImu:
     axes: np.ndarray = field(default_factory=lambda: np.eye(3))
     unit: float = 1.0
     inverse: bool = False
+    feet: Mapping[str, str] = field(default_factory=dict)
+    opened: tuple[str, ...] = ()
+
+    def pressed(self, time: np.ndarray, forces: np.ndarray) -> Mapping[str, np.ndarray]:
+        """What a log has of the switches, by the name after ``base.``, from forces on the feet (n, 4) [N]."""
+        late = forces[np.clip(np.searchsorted(time, time - self.delay), 0, len(time) - 1)]
+        closed = dict(zip(LEGS, late.T > CLOSES, strict=True)) | {"": np.zeros(len(time), bool)}
+        return {
+            f"switch.{name}": (closed[leg] ^ (name in self.opened)).astype(float) for name, leg in self.feet.items()
+        }
 
     def columns(self, time: np.ndarray, turned: np.ndarray, random: np.random.Generator) -> Mapping[str, np.ndarray]:
         """What a log has of it, by the name after ``base.``.

@@ -6,13 +6,13 @@ Swapped axes, a sign, a unit, an inverse quaternion and an orientation that come
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...envs.engine import turns
-from ...envs.engine.imu import COLUMNS
+from ...envs.engine.imu import COLUMNS, PREFIX
 from ..log.finding import Finding
 from ..log.parts import SPEED_REACH
 from ..log.types import Array, MeasuredRun
@@ -34,16 +34,29 @@ class ImuLog:
         time: as each sample came (n,) [s].
         orientation: quaternion of the base (n, 4).
         turn_rate: about its axes (n, 3) [rad/s].
+        switches: 1 where a contact switch on its board is closed, else 0 (n,), by name.
     """
 
     time: Array
     orientation: Array
     turn_rate: Array
+    switches: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def period(self) -> float:
         """Between samples [s]."""
         return float(np.median(np.diff(self.time)))
+
+    def cut(self, kept: np.ndarray) -> ImuLog:
+        """The samples of a mask (n,)."""
+        switches = {name: values[kept] for name, values in self.switches.items()}
+        return replace(
+            self,
+            time=self.time[kept],
+            orientation=self.orientation[kept],
+            turn_rate=self.turn_rate[kept],
+            switches=switches,
+        )
 
 
 def imu_of(run: MeasuredRun) -> ImuLog | None:
@@ -53,13 +66,14 @@ def imu_of(run: MeasuredRun) -> ImuLog | None:
     values = np.stack([run.base[name] for name in COLUMNS[:-1]], axis=1)
     age = run.base.get(COLUMNS[-1], np.zeros(len(run.time)))
     good = np.isfinite(values).all(axis=1) & np.isfinite(age)
-    time, values = (run.time - age)[good], values[good]
-    fresh = np.diff(time, prepend=-np.inf) > 1e-6
-    time, values = time[fresh], values[fresh]
+    rows = np.flatnonzero(good)
+    rows = rows[np.diff((run.time - age)[rows], prepend=-np.inf) > 1e-6]
+    time, values = (run.time - age)[rows], values[rows]
     if len(time) < 20 or time[-1] - time[0] < ERROR_BLOCK:
         return None
     size = np.linalg.norm(values[:, :4], axis=1, keepdims=True)
-    return ImuLog(time, values[:, :4] / np.maximum(size, 1e-9), values[:, 4:])
+    switches = {name[len(PREFIX) :]: column[rows] for name, column in run.base.items() if name.startswith(PREFIX)}
+    return ImuLog(time, values[:, :4] / np.maximum(size, 1e-9), values[:, 4:], switches)
 
 
 @dataclass(frozen=True, eq=False)

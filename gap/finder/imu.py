@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ...common.errors import SealegsError
+from ...envs.described.robot_imu import with_imu
 from ...envs.engine import turns
 from ...envs.engine.base import BaseLayout
-from ...envs.engine.imu import Imu
+from ...envs.engine.imu import Imu, Switches
 from ...envs.engine.model_poses import in_turn, place_followers, stand
 from ...envs.engine.robot import Robot
 from ...envs.engine.turns import projected_gravity
@@ -42,6 +43,7 @@ from ..measure.case import Case
 from ..measure.measured import Measured
 from ..verdict.verdict import EXPLAINED as SAID
 from ..verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis, Reason, Verdict, data_errors
+from .switches import Switched
 
 EARLIEST_LAG = -0.03  # [s] of its lag behind the legs: joints are read late, too
 MIN_CARRIED_SHARE = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
@@ -103,18 +105,21 @@ class Legs:
         turned: how the IMU sits against where it is believed, about the base's axes (3,) [rad].
         spread: standard deviation of that (3,) [rad].
         believed: delay [s], and standard deviation of the bias of its orientation [rad].
+        switched: the contact switches on its board beside the feet; None: it has none.
     """
 
     rates: Match
     turned: np.ndarray
     spread: np.ndarray
     believed: tuple[float, float]
+    switched: Switched | None = None
 
     def agreement(self) -> str:
         """How well it agrees, for a sentence."""
         rows = zip("xyz", np.degrees(self.turned), np.degrees(2.0 * self.spread), strict=True)
         turned = ", ".join(f"{value:+.2g} (to {known:.2g}) about {axis}" for axis, value, known in rows)
-        return f": {1e3 * self.rates.lag:.3g} ms late, turned by {turned} [degrees]"
+        switches = "" if self.switched is None else f", contact switches {100.0 * self.switched.agreement():.0f} %"
+        return f": {1e3 * self.rates.lag:.3g} ms late, turned by {turned} [degrees]{switches}"
 
     def findings(self) -> list[Finding]:
         """What is wrong."""
@@ -122,7 +127,7 @@ class Legs:
         if axes is not None and (sentence := told_axes(axes, "turn", "the base that the legs carry")):
             more = f"{sentence} Turn rate and orientation agree: correct imu.site or imu.rotation."
             return [Finding("imu.mount", "warning", IMU, "base.imu.turn_x", more, data_error=True)]
-        found = []
+        found = [] if self.switched is None else self.switched.findings()
         delay, bias = self.believed
         more = self.rates.lag - delay
         known = self.rates.low > EARLIEST_LAG + 1e-6  # else it ends where the search does
@@ -160,13 +165,14 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
     """The IMU beside what the legs ask of the base; None where they tell too little."""
     pairs: list[_Beside] = []
     delay, bias = _believed(runs[0], robot)
+    robot = _switched(robot, runs[0])
     for run in runs:
         log = imu_of(run)
         base = None if log is None else carried(robot, run, frames)
         if log is None or base is None or len(base.time) < 2:
             continue
         inside = (log.time > base.time[0]) & (log.time < base.time[-1])
-        log = ImuLog(log.time[inside], log.orientation[inside], log.turn_rate[inside])
+        log = log.cut(inside)
         if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * IMU_LAG_REACH + ERROR_BLOCK:
             continue
         at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
@@ -176,14 +182,29 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
         alone = match([(log.time, seen, rate)], EARLIEST_LAG, delay + IMU_LAG_REACH)
         if alone is not None and alone.explained > MIN_CARRIED_SHARE:
             left = float(np.std(seen)) * np.sqrt(max(1.0 - alone.explained, 1e-3))
-            pairs.append(_Beside(log, turn, seen / left, rate / left))
+            pairs.append(_Beside(log, base, turn, seen / left, rate / left))
     if not pairs:
         return None
     found = match([(one.log.time, one.rate, one.asked_rate) for one in pairs], EARLIEST_LAG, delay + IMU_LAG_REACH)
     if found is None:
         return None
     blocks = [block for one in pairs for block in one.blocks(found.lag)]
-    return Legs(found, *_turn(blocks), (delay, bias))
+    names = [] if robot.imu is None else [switch.name for switch in robot.imu.switches]
+    logged = bool(names) and all(name in one.log.switches for name in names for one in pairs)
+    contacts = [block for one in pairs for block in one.contacts(found.lag, names)] if logged else []
+    switched = Switched(names, contacts) if contacts else None
+    return Legs(found, *_turn(blocks), (delay, bias), switched)
+
+
+def _switched(robot: Robot, run: MeasuredRun) -> Robot:
+    """The robot with the contact switches that the sidecar says it had."""
+    said = run.meta.get("imu")
+    if not isinstance(said, dict) or not said.get("switches"):
+        return robot
+    try:
+        return with_imu(robot, said)
+    except SealegsError as error:
+        raise SealegsError(f"{run.name}: meta.imu of its sidecar: {error}") from None
 
 
 def _believed(run: MeasuredRun, robot: Robot) -> tuple[float, float]:
@@ -216,12 +237,14 @@ class _Beside:
 
     Attributes:
         log: of the IMU.
+        legs: the base as they carry it.
         asked: orientation of the base at its samples (n, 4).
         rate, asked_rate: turn rates there (n, 3), in parts of what one leaves of the other: a run in which the robot
             slips or trips tells less.
     """
 
     log: ImuLog
+    legs: Carried
     asked: Array
     rate: Array
     asked_rate: Array
@@ -238,8 +261,22 @@ class _Beside:
         asked = at(turns.projected_gravity(self.asked), grid - lag)
         left = max(float(np.std(down - asked, axis=0).mean()), 1e-4)
         parts = (at(self.rate, grid), at(self.asked_rate, grid - lag), down / left, asked / left)
-        count = max(int((grid[-1] - grid[0]) / ERROR_BLOCK), 1)
-        return [_Rows(*(part[rows] for part in parts)) for rows in np.array_split(np.arange(len(grid)), count)]
+        return [_Rows(*(part[rows] for part in parts)) for rows in _in_blocks(grid)]
+
+    def contacts(self, lag: float, names: Sequence[str]) -> list[tuple[Array, Array]]:
+        """What contact switches said in blocks, and whether their feet were down (n, s), the IMU as much later."""
+        said = np.stack([self.log.switches[name] for name in names], axis=1)
+        asked = self.log.time - lag
+        known = np.isfinite(said).all(axis=1) & (asked >= self.legs.time[0]) & (asked <= self.legs.time[-1])
+        said, asked = said[known], asked[known]
+        down = self.legs.down[np.clip(np.searchsorted(self.legs.time, asked), 0, len(self.legs.time) - 1)]
+        return [(said[rows], down[rows]) for rows in _in_blocks(asked)]
+
+
+def _in_blocks(time: Array) -> list[np.ndarray]:
+    """Numbers of the rows of each block of a run."""
+    count = max(int((time[-1] - time[0]) / ERROR_BLOCK), 1) if len(time) else 0
+    return np.array_split(np.arange(len(time)), count) if count else []
 
 
 def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
@@ -302,10 +339,12 @@ class Carried:
     Attributes:
         time: of the run, as far as it stands (n,) [s].
         orientation: quaternion (n, 4).
+        down: 1 where a foot presses so that its contact switch closes, else 0 (n, s).
     """
 
     time: Array
     orientation: Array
+    down: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried | None:
@@ -340,10 +379,11 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
     if not _put_down(model, data, floors[0], place[0]):
         return None
     upright = projected_gravity(np.array(data.qpos[place[0] + 3 : place[0] + 7]))
-    turned = np.empty((len(clock), 4))
+    turned, switches = np.empty((len(clock), 4)), Switches(model, () if robot.imu is None else robot.imu.switches)
+    down = np.empty((len(clock), 0 if robot.imu is None else len(robot.imu.switches)))
     for k in range(len(clock)):
         data.qpos[places], data.qvel[dofs] = position[k], moved[k]
-        turned[k] = data.qpos[place[0] + 3 : place[0] + 7]
+        turned[k], down[k] = data.qpos[place[0] + 3 : place[0] + 7], switches.closed(data.sensordata)
         if not np.isfinite(turned[k]).all() or projected_gravity(turned[k]) @ upright < np.cos(FALLEN_ANGLE):
             break
         if k + 1 < len(clock):
@@ -352,7 +392,7 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
     else:
         k += 1
     kept = slice(int(np.searchsorted(clock[:k], run.time[0] + SPEED_UP_SECONDS)), k)
-    return Carried(clock[kept], turned[kept])
+    return Carried(clock[kept], turned[kept], down[kept])
 
 
 def _paths(run: MeasuredRun, names: list[str], frames: dict[str, Frame], step: float) -> tuple[Array, Array]:

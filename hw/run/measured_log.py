@@ -88,7 +88,8 @@ class MeasuredLog:
         self.cells[:, -1] = links if len(links) else False
         self.rows = 0
         goals = dict.fromkeys(joints, "goal") | dict(told or {})
-        signals = [(joints[k], tuple(FORMATS)[signal]) for k, signal in np.argwhere(self.cells)]
+        names = tuple(FORMATS)
+        signals = [(joints[k], names[signal]) for k, signal in np.argwhere(self.cells).tolist()]
         named = [f"{joint}.{goals[joint] if signal == 'goal' else signal}" for joint, signal in signals]
         columns = ["time", *named]
         columns += [*(f"base.{item}" for item in base), *(f"host.{item}" for item in HOST)]

@@ -34,11 +34,13 @@ class Turned:
         time: when each was taken (m,), on the clock of a recording [s].
         orientation: quaternion (m, 4).
         turn_rate: about the base's axes (m, 3) [rad/s].
+        switches: 1 where a contact switch is closed, else 0 (m, s); NaN: it said nothing.
     """
 
     time: np.ndarray
     orientation: np.ndarray
     turn_rate: np.ndarray
+    switches: np.ndarray
 
     @cached_property
     def _unwrapped(self) -> np.ndarray:
@@ -173,7 +175,10 @@ def recorded(path: Path, commands: Commands, robot: ServoRobot) -> Recording:
     times = {"time": run.time - run.time[0], "sent": sent, "asked": asked}
     turned, log = None, imu_of(run)
     if log is not None and robot.imu is not None:
-        turned = Turned(log.time - robot.imu.delay - run.time[0], log.orientation, log.turn_rate)
+        silent = np.full(len(log.time), np.nan)
+        switches = [log.switches.get(switch.name, silent) for switch in robot.imu.switches]
+        taken = log.time - robot.imu.delay - run.time[0]
+        turned = Turned(taken, log.orientation, log.turn_rate, np.array([*switches]).reshape(-1, len(taken)).T)
     found = Recording(**times, **columns, base=base, rewards={}, link=link, turned=turned).cut(known)
     found = replace(found, rewards=rewards_of(commands, run.time[known] + begun))
     sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)

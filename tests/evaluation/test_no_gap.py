@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
-from sealegs.evaluation.aligned import Aligned, FreeBase, squares
-from sealegs.evaluation.comparison import NOMINAL_MACHINE, gap_of, hides_nothing, verdict
+from sealegs.evaluation.aligned import Aligned, FreeBase, squares, touches
+from sealegs.evaluation.comparison import NOMINAL_MACHINE, contacts_of, gap_of, hides_nothing, verdict
+from sealegs.evaluation.figures import Contact
 from sealegs.evaluation.page import headline
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.machine.limits import Limits
 from sealegs.hw.machine.own_robot import READERS
 from sealegs.hw.machine.robot import ServoRobot, build_robot, nominal_joints
 from sealegs.hw.run.policy import Policy
-from sealegs.hw.run.simulated import simulate
+from sealegs.hw.run.simulated import Turned, simulate
 from sealegs.hw.run.task_reference import TaskReference
 
 from benchmarks.many_starts import FILE, gap, hidden_gap, well
@@ -56,16 +57,19 @@ def test_what_a_bench_hides_is_a_gap_and_how_it_is_read_is_none(tmp_path: Path) 
     assert told(str(hidden)) is not None
 
 
-def told_of_a_walk(hidden: str | None, seconds: float) -> tuple[float | None, float]:
-    """Gap and rms error [rad] between a quadruped on its gait, which only an IMU measures, and what it is taken for."""
+def told_of_a_walk(hidden: str | None, seconds: float) -> tuple[float | None, float, list[Contact]]:
+    """Gap, rms error [rad] and contacts between a quadruped on its gait, which only an IMU measures, and its model."""
     settings = compose("deploy", {"robot": "quadruped"}, readers=READERS)["robot"]
     robot, limits = build_robot(settings), Limits.from_config(settings["safety"])
     gait = TaskReference("walk", robot, {"forward": 0.2})
     aligned, run = Aligned(robot), simulate(robot, gait, limits, 50.0, seconds, hidden)
     level = aligned.levelled(run)
-    accounted = np.maximum(squares(*aligned.rehearse(level)), aligned.rounding)
-    found = gap_of(squares(run, aligned.predict(level)), accounted, robot)
-    return found["gap"], found["same_goals"]
+    predicted, rehearsed = aligned.predict(level), aligned.rehearse(level)
+    accounted = np.maximum(squares(*rehearsed), aligned.rounding)
+    found = gap_of(squares(run, predicted), accounted, robot)
+    contacts = contacts_of(robot, touches(level, predicted), touches(*rehearsed)[0])
+    assert list(contacts) == ["front_left", "front_right", "rear_left", "rear_right"]
+    return found["gap"], found["same_goals"], list(contacts.values())
 
 
 @pytest.mark.long
@@ -73,9 +77,32 @@ def test_a_walk_that_hides_nothing_has_no_gap_and_one_with_a_delay_has_one(tmp_p
     """Its base was put where its file has it: errors of 100 to 470 mrad, and 'a gap' between a model and itself."""
     hidden = tmp_path / "hidden.yaml"
     hidden.write_text("delay.seconds: 0.03\n")
-    gap, error = told_of_a_walk(None, 5.0)
+    gap, error, contacts = told_of_a_walk(None, 5.0)
     assert gap is None and error < 0.015
-    assert told_of_a_walk(str(hidden), 5.0)[0] is not None
+    agrees, accounted = (np.mean([getattr(one, name) for one in contacts]) for name in ("agrees", "accounted"))
+    assert agrees > 0.85 and agrees == pytest.approx(accounted, abs=0.03)
+    assert abs(np.mean([contact.later for contact in contacts])) < 0.005
+    gap, _, contacts = told_of_a_walk(str(hidden), 5.0)
+    assert gap is not None
+    assert -0.03 < np.mean([contact.later for contact in contacts]) < -0.005, "the model's feet are down too early"
+
+
+def test_the_touches_of_a_model_are_compared_where_both_have_a_sample() -> None:
+    time = np.arange(0.0, 3.0, 0.01)
+    closed = (time % 0.5 >= 0.3).astype(float)
+    late = ((time - 0.02) % 0.5 >= 0.3).astype(float)
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
+
+    def run(rows: slice, *switches: np.ndarray) -> Any:
+        turned = Turned(time[rows], still[rows], still[rows, 1:], np.stack(switches, axis=1)[rows])
+        return SimpleNamespace(time=time, period=0.01, turned=turned)
+
+    silent = np.where(time < 1.0, np.nan, closed)
+    agrees, later = touches(run(slice(None), closed, closed, silent), run(slice(3, None, 2), closed, late, closed))
+    assert agrees[0] == 1.0 and 0.85 < agrees[1] < 1.0
+    assert later[0] == 0.0 and later[1] == pytest.approx(0.02)
+    bare: Any = SimpleNamespace(turned=None)
+    assert len(touches(bare, bare)[0]) == 0
 
 
 def test_a_base_that_only_an_imu_measures_stands_turned_as_it_says_and_moves_over_its_lowest_foot() -> None:

@@ -14,13 +14,16 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.checks.imu import Match, check_imu, imu_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.finder.imu import Carried, Legs, diagnose_imu
+from sealegs.gap.finder.switches import Switched
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
 
 from testbed.logs import measured_run
-from testbed.quadruped import BoughtImu, record_walker
+from testbed.quadruped import LEGS, BoughtImu, record_walker
 
+OWN = {leg: leg for leg in LEGS}
+SWITCHES = {leg: {"geom": f"{leg}_foot", "threshold": 1.0} for leg in LEGS}
 BELIEVED = {"delay": 0.01, "bias": {"orientation": 0.01, "turn_rate": 0.005}}
 SWAPPED = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -180,3 +183,70 @@ def test_a_delay_whose_interval_ends_where_the_search_does_is_not_told(low: floa
     rates = Match(0.5 * (low + high), low, high, np.eye(3), 1.0, 0.9)
     legs = Legs(rates, np.zeros(3), np.full(3, 0.01), (0.015, 0.01))
     assert ("imu.delay" in [finding.code for finding in legs.findings()]) == told
+
+
+# --- contact switches beside the feet --------------------------------------------------------------------------------
+
+
+def beside_feet(change: str, seconds: int = 12) -> list[str]:
+    """Findings of three feet that step in turn, whose switches bounce, beside what is made of the first two."""
+    random = np.random.default_rng(0)
+    phase = np.arange(0.0, seconds, 0.01)[:, None] + np.array([0.0, 0.35, 0.6])
+    feet = (phase % 1.0 < 0.5).astype(float)
+    said = np.where(random.random(feet.shape) < 0.1, 1.0 - feet, feet)
+    said = {
+        "nothing": said,
+        "swapped": said[:, [1, 0, 2]],
+        "inverted": np.stack([1.0 - said[:, 0], *said.T[1:]], axis=1),
+        "never closes": np.stack([0.0 * said[:, 0], *said.T[1:]], axis=1),
+        "never opens": np.stack([0.0 * said[:, 0] + 1.0, *said.T[1:]], axis=1),
+        "none ever closes": 0.0 * said,
+    }[change]
+    blocks = list(zip(np.array_split(said, seconds), np.array_split(feet, seconds), strict=True))
+    return [finding.sentence for finding in Switched(("left", "right", "rear"), blocks).findings()]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("swapped", ["swapped: left is on the foot of right", "right is on the foot of left"]),
+        ("inverted", ["left is closed where its foot is in the air", "Read it the other way round"]),
+        ("never closes", ["left never closes, and the legs stand on its foot in 50 % of the time"]),
+        ("never opens", ["left never opens, and the legs lift its foot in 50 % of the time"]),
+    ],
+)
+def test_a_switch_that_the_feet_contradict_is_named_with_what_it_does(change: str, says: list[str]) -> None:
+    (sentence,) = beside_feet(change)
+    assert all(word in sentence for word in says), sentence
+
+
+def test_switches_that_only_bounce_or_of_which_nothing_tells_right_from_wrong_are_not_doubted() -> None:
+    assert beside_feet("nothing") == [] and beside_feet("none ever closes") == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("feet", "opened", "code"),
+    [
+        ({}, (), None),
+        ({"front_left": "rear_left", "rear_left": "front_left"}, (), "imu.switches"),
+        ({"front_left": ""}, ("front_left",), "imu.switch_stuck"),
+        ({}, ("rear_right",), "imu.switch_inverted"),
+    ],
+)
+def test_what_is_wrong_with_the_switches_of_a_walker_is_told_beside_its_imu(
+    feet: dict[str, str], opened: tuple[str, ...], code: str | None
+) -> None:
+    runs = walked(BoughtImu(feet=OWN | feet, opened=opened))
+    runs = [replace(run, meta={"imu": {**BELIEVED, "switches": SWITCHES}}) for run in runs]
+    found = diagnose_imu(runs, {}, lambda text: None)
+    assert [error.name for error in found.data_errors] == ([] if code is None else [code]), found.sentence
+    assert code is not None or "contact switches" in found.sentence
+
+
+def test_switches_of_a_sidecar_that_are_nowhere_on_the_robot_are_refused_with_the_run(tmp_path: Path) -> None:
+    recordings, _ = record_walker({}, 1, tmp_path, duration=4.0, runs=1, imu=BoughtImu(feet=OWN))
+    said = {**BELIEVED, "switches": {"front_left": {"geom": "hoof"}}}
+    runs = [replace(run, meta={"imu": said}) for run in map(measured_run, recordings)]
+    with pytest.raises(SealegsError, match=r"meta\.imu of its sidecar: .*the model has no geom 'hoof'"):
+        diagnose_imu(runs, {}, lambda text: None)
