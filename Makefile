@@ -20,7 +20,7 @@ export MUJOCO_GL ?= egl
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm hidden-everyday transfer sensitivity fuzz docs format clean
+.PHONY: help setup demo test test-all test-weekly lint types pytest bench hidden hidden-wide hidden-arm hidden-everyday transfer sensitivity policy-matrix fuzz docs format clean
 
 help: ## list the commands
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -73,6 +73,9 @@ transfer: $(INSTALLED) ## policies trained on several models, judged on hidden m
 
 sensitivity: $(INSTALLED) ## what each threshold of the search does when halved or doubled, from recorded searches
 	$(PY) -m benchmarks.sensitivity
+
+policy-matrix: $(INSTALLED) ## the committed policies on every actuator model of their robot, 20 minutes; can be stopped and goes on
+	$(PY) -m benchmarks.policy_matrix
 
 fuzz: $(INSTALLED) ## hostile documents, N of each kind from SEED: make fuzz N=10000 SEED=7
 	SEALEGS_FUZZ=$(or $(N),2000) SEALEGS_FUZZ_SEED=$(or $(SEED),1) $(PYTEST) -m "not long" tests/security/test_fuzz_documents.py

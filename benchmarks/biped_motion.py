@@ -66,12 +66,17 @@ def at_own_step(env: dict[str, Any]) -> dict[str, Any]:
 
 
 def moments(
-    env: dict[str, Any], actuator: Any, act: Act, starts: int = STARTS, seconds: float = SECONDS
+    env: dict[str, Any],
+    actuator: Any,
+    act: Act,
+    starts: int = STARTS,
+    seconds: float = SECONDS,
+    seed: int | Sequence[int] = SEED,
 ) -> Iterator[Moment]:
     """Move from ``starts`` starts for ``seconds`` [s], or until the last one has fallen."""
     task, options = task_of(env)
     engine = BatchEngine(task, starts, **{**options, "actuator": actuator}, autoreset=False, threads=1)
-    engine.seed(SEED)
+    engine.seed(seed)
     qpos, observation = engine.batch.bind("qpos"), engine.reset()  # a mirrored task shows the policy swapped legs
     forward = qpos[:, FORWARD]
     upright = np.ones(starts, bool)

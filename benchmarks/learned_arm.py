@@ -61,16 +61,19 @@ def _nothing(observation: np.ndarray) -> np.ndarray:
     return np.zeros((len(observation), len(JOINTS)))
 
 
-def _figures(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
+def tool_errors(
+    env: dict[str, Any], actuator: Any, act: Act, starts: int = EPISODES, seed: int | Sequence[int] = SEED
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of the tool from its place at each control step (m, n) [mm], and rewards (n,)."""
     kind, options = task_of(env)
     if not isinstance(kind, ArmTask):
         raise TypeError(f"{env['id']} is not the arm's environment")
     options |= {"actuator": actuator, "control_rate": options.get("control_rate", ArmTask.control_rate)}
-    engine = BatchEngine(kind, EPISODES, autoreset=False, **options)
-    engine.seed(SEED)
+    engine = BatchEngine(kind, starts, autoreset=False, **options)
+    engine.seed(seed)
     observation = engine.reset()
     places = engine.batch.bind("qpos")
-    errors, rewards = np.empty((STEPS, EPISODES)), np.zeros(EPISODES)
+    errors, rewards = np.empty((STEPS, starts)), np.zeros(starts)
     command = np.full((1, 1), 5.0)
     for k in range(STEPS):
         step = engine.step(act(observation))
@@ -79,6 +82,11 @@ def _figures(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
         angles = np.stack([engine.drivetrain.position(name, places, "link") for name in JOINTS], axis=-1)
         wanted, _, _ = kind.wanted(np.array([(k + 1) * engine.dt]), command, engine.numbers)
         errors[k] = 1e3 * np.linalg.norm(tool(angles) - tool(wanted), axis=1)
+    return errors, rewards
+
+
+def _figures(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
+    errors, rewards = tool_errors(env, actuator, act)
     return {
         "largest error [mm]": float(errors.max()),
         "median start's largest error [mm]": float(np.median(errors.max(axis=0))),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks import biped_motion
-from benchmarks.biped_motion import SECONDS, STARTS, Act, load, moments, reference_gait
+from benchmarks.biped_motion import SECONDS, SEED, STARTS, Act, load, moments, reference_gait
 from benchmarks.learning import Bar
 
 TRAINING = ("env=biped_hopping", "video.seconds=0")
@@ -27,12 +28,32 @@ def measure(policy: Path) -> dict[str, float]:
     return hops(*load(policy))
 
 
-def hops(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
-    """Figures of ``STARTS`` attempts to hop for ``SECONDS``."""
-    upright = np.ones(STARTS, bool)
-    lasted, way, air, highest, count = (np.zeros(STARTS) for _ in range(5))
+@dataclass(frozen=True)
+class Attempts:
+    """Attempts to hop: who is upright at the end, how long each lasted and was in the air [s], its way [m] and its
+    hops, all (n,); heights of all hops [m]."""
+
+    upright: np.ndarray
+    lasted: np.ndarray
+    air: np.ndarray
+    way: np.ndarray
+    count: np.ndarray
+    heights: list[float]
+
+
+def attempts(
+    env: dict[str, Any],
+    actuator: Any,
+    act: Act,
+    starts: int = STARTS,
+    seconds: float = SECONDS,
+    seed: int | Sequence[int] = SEED,
+) -> Attempts:
+    """Hop from ``starts`` starts for ``seconds`` [s], each until it falls."""
+    upright = np.ones(starts, bool)
+    lasted, way, air, highest, count = (np.zeros(starts) for _ in range(5))
     heights: list[float] = []
-    for moment in moments(env, actuator, act):
+    for moment in moments(env, actuator, act, starts, seconds, seed):
         upright = moment.upright
         lasted += upright * moment.dt
         way = np.where(upright, moment.forward, way)
@@ -43,14 +64,21 @@ def hops(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
         count += landed
         heights += list(highest[landed])
         highest = np.where(flying, np.maximum(highest, lower), 0.0)
+    return Attempts(upright, lasted, air, way, count, heights)
+
+
+def hops(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
+    """Figures of ``STARTS`` attempts to hop for ``SECONDS``."""
+    found = attempts(env, actuator, act)
+    lasted = found.lasted
     return {
-        "falls": float((~upright).sum()),
+        "falls": float((~found.upright).sum()),
         "shortest [s]": float(lasted.min()),
-        "fewest hops": float(count.min()),
-        "hops per second": float(count.sum() / lasted.sum()),
-        "height of a hop, median [mm]": 1e3 * float(np.median(heights)) if heights else 0.0,
-        "share in the air": float(air.sum() / lasted.sum()),
-        "mean speed [m/s]": float((way / SECONDS).mean()),
+        "fewest hops": float(found.count.min()),
+        "hops per second": float(found.count.sum() / lasted.sum()),
+        "height of a hop, median [mm]": 1e3 * float(np.median(found.heights)) if found.heights else 0.0,
+        "share in the air": float(found.air.sum() / lasted.sum()),
+        "mean speed [m/s]": float((found.way / SECONDS).mean()),
     }
 
 

@@ -7,6 +7,7 @@ the action 0. Energy and way count after the start.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ TRAINING = ("env=hexapod", "video.seconds=0")
 SPEED = 0.03  # [m/s] of the reference gait
 COMMANDED = 1.01 * SPEED  # [m/s] of policies, so that none is slower than the reference gait is when it slips a little
 EPISODES, START, WINDOW = 4, 12.0, 36.0  # [s] two cycles of the reference gait, then six
+SEED = 1000
 Act = Callable[[np.ndarray], np.ndarray]
 MOST = 0.8
 """Of the reference gait's specific resistance."""
@@ -75,22 +77,43 @@ def _reference(observation: np.ndarray) -> np.ndarray:
     return np.zeros((len(observation), len(HexapodTask().action_names())))
 
 
-def _engine(env: dict[str, Any], actuator: Any, seed: int, **task: float) -> BatchEngine:
+def _engine(
+    env: dict[str, Any], actuator: Any, seed: int | Sequence[int], starts: int = EPISODES, **task: float
+) -> BatchEngine:
     kind, options = task_of({**env, **task})
     options |= {"actuator": actuator, "control_rate": options.get("control_rate", HexapodTask.control_rate)}
-    engine = BatchEngine(kind, EPISODES, **options, autoreset=False, threads=1)
+    engine = BatchEngine(kind, starts, **options, autoreset=False, threads=1)
     engine.seed(seed)
     return engine
 
 
-def _figures(env: dict[str, Any], actuator: Any, act: Act, speed: float) -> dict[str, float]:
-    """Walk; specific resistance by (35), the energy from the mean power of each control step."""
-    engine = _engine(env, actuator, 1000, speed=speed, resistance_weight=1.0)
+@dataclass(frozen=True)
+class Walked:
+    """What walks came to: specific resistance (n,), ways forward and to the side (n, 2) [m], and who fell (n,)."""
+
+    resistance: np.ndarray
+    way: np.ndarray
+    fallen: np.ndarray
+
+
+def walked(
+    env: dict[str, Any],
+    actuator: Any,
+    act: Act,
+    speed: float = COMMANDED,
+    *,
+    starts: int = EPISODES,
+    window: float = WINDOW,
+    seed: int | Sequence[int] = SEED,
+) -> Walked:
+    """Walk for ``window`` [s] after ``START``; specific resistance by (35), the energy from the mean power of each
+    control step."""
+    engine = _engine(env, actuator, seed, starts, speed=speed, resistance_weight=1.0)
     weight = total_mass(engine.numbers) * GRAVITY
     places = engine.batch.bind("qpos")[:, :2]
     observation, start = engine.reset(), round(START * HexapodTask.control_rate)
-    steps = start + round(WINDOW * HexapodTask.control_rate)
-    energy, fallen, begun = np.zeros(EPISODES), np.zeros(EPISODES, bool), places.copy()
+    steps = start + round(window * HexapodTask.control_rate)
+    energy, fallen, begun = np.zeros(starts), np.zeros(starts, bool), places.copy()
     for k in range(steps):
         if k == start:
             begun = places.copy()
@@ -99,13 +122,18 @@ def _figures(env: dict[str, Any], actuator: Any, act: Act, speed: float) -> dict
         if k >= start:
             energy -= result.terms["reward_resistance"] * weight * speed * engine.dt
     way = places - begun
-    found = energy / (weight * way[:, 0])
+    return Walked(energy / (weight * way[:, 0]), way, fallen)
+
+
+def _figures(env: dict[str, Any], actuator: Any, act: Act, speed: float) -> dict[str, float]:
+    found = walked(env, actuator, act, speed)
+    way = found.way
     return {
-        "specific resistance": float(found.mean()),
-        "largest of an episode": float(found.max()),
+        "specific resistance": float(found.resistance.mean()),
+        "largest of an episode": float(found.resistance.max()),
         "speed [cm/s]": float(100.0 * way[:, 0].mean() / WINDOW),
         "to the side [cm/m]": float(100.0 * np.abs(way[:, 1] / way[:, 0]).max()),
-        "falls": float(fallen.sum()),
+        "falls": float(found.fallen.sum()),
     }
 
 

@@ -20,7 +20,7 @@ from sealegs.envs.leg.env import LegTask
 from benchmarks.learning import Bar
 
 TRAINING = ("env=leg", "actuator=silo4_pd", "video.seconds=0")
-EPISODES, START, SECONDS = 64, 0.2, 4.0  # [s]
+EPISODES, START, SECONDS, SEED = 64, 0.2, 4.0, 1000  # times in [s]
 SHARE = 0.7
 """Of the best PID's error, that a policy may have."""
 Act = Callable[[np.ndarray], np.ndarray]
@@ -56,19 +56,25 @@ def _nothing(observation: np.ndarray) -> np.ndarray:
     return np.zeros((len(observation), 3))
 
 
-def _figures(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
-    """Distance of the foot from its path at each control step."""
+def foot_errors(
+    env: dict[str, Any], actuator: Any, act: Act, starts: int = EPISODES, seed: int | Sequence[int] = SEED
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of the foot from its path at each control step after ``START`` (m, n) [mm], and rewards (n,)."""
     task, options = task_of(env)
     assert isinstance(task, LegTask)
-    engine = BatchEngine(task, EPISODES, **{**options, "actuator": actuator}, autoreset=False, threads=1)
-    engine.seed(1000)
+    engine = BatchEngine(task, starts, **{**options, "actuator": actuator}, autoreset=False, threads=1)
+    engine.seed(seed)
     observation, found = engine.reset(), []
-    rewards = np.zeros(EPISODES)
+    rewards = np.zeros(starts)
     for _ in range(round(SECONDS / engine.dt)):
         result = engine.step(act(observation))
         observation, rewards = result.observation, rewards + result.reward
-        found.append(task.error(engine.motion(np.zeros((EPISODES, 3)))))
-    error = np.array(found)[round(START / engine.dt) :] / MILLIMETRE
+        found.append(task.error(engine.motion(np.zeros((starts, 3)))))
+    return np.array(found)[round(START / engine.dt) :] / MILLIMETRE, rewards
+
+
+def _figures(env: dict[str, Any], actuator: Any, act: Act) -> dict[str, float]:
+    error, rewards = foot_errors(env, actuator, act)
     each = np.sqrt(np.mean(np.square(error), axis=0))
     return {
         "rms error [mm]": float(np.sqrt(np.mean(np.square(error)))),

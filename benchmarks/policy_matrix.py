@@ -1,0 +1,373 @@
+"""The committed policies on every actuator model of their robot, beside their reference and the best constant action.
+
+    python -m benchmarks.policy_matrix             what has no row yet, about 20 minutes of one core
+    python -m benchmarks.policy_matrix hopper      one task
+    python -m benchmarks.policy_matrix --again     all anew
+
+Nothing is trained. Each policy acts on the chain of its training and on the others of its robot, from starts that no
+training has seen; what counts is the measure of its task. The reference is the action 0 where actions correct one, and
+the controller of paper 004 for the hopper. The best constant action is chosen anew on each model, from other starts: of
+the action 0, the mean action of each policy, and actions drawn uniformly. So it knows the model; a policy does not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import trim_mean
+from sealegs.actuators import load_chain
+from sealegs.agents.policy_files import load_policy
+from sealegs.common.atomic import write_text
+from sealegs.common.errors import SealegsError
+from sealegs.envs import ENVIRONMENTS
+from sealegs.envs.contract import task_of
+from sealegs.envs.engine.batch import BatchEngine
+from sealegs.envs.hexapod.env import MOST
+from sealegs.envs.hopper.controller import BangBang, spring_stiffness
+
+from benchmarks import study
+from benchmarks.biped_motion import at_own_step, moments
+from benchmarks.learned_arm import tool_errors
+from benchmarks.learned_biped import JUDGED
+from benchmarks.learned_biped_hopping import attempts
+from benchmarks.learned_hexapod import walked
+from benchmarks.learned_leg import foot_errors
+from benchmarks.policies_on_the_bus import POLICIES
+from benchmarks.speed import RESULTS
+
+FILE = RESULTS / "policy_matrix.jsonl"
+SEED, SEARCH_SEED = 40_000, 60_000  # of the starts that are judged, and of those on which a constant is chosen
+EPISODE = ENVIRONMENTS["Hopper"]  # control steps
+SECONDS = 15.0  # of walking and of hopping
+WINDOW = 12.0  # [s] of the hexapod's way, two cycles of its gait, after as many
+RESAMPLES = 2000
+LEAST_SEEDS = 3  # from which policies are drawn anew by the bootstrap
+REFERENCE, CONSTANT = "reference", "constant"
+BETTER, WORSE, ALIKE = "better", "**worse**", "alike"
+Act = Callable[[np.ndarray], np.ndarray]
+Seeds = int | Sequence[int]
+Scores = tuple[np.ndarray, np.ndarray]
+"""The measure of each start (n,), and whether it ended in a fall (n,)."""
+
+
+# --- measures of the tasks --------------------------------------------------------------------------------------------
+
+
+def hopper(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
+    """Reward of an episode; it is over with a fall, and what follows earns nothing."""
+    task, options = task_of(env)
+    engine = BatchEngine(task, starts, **{**options, "actuator": actuator}, autoreset=False, threads=1)
+    engine.seed(seed)
+    seen, rewards, upright = engine.reset(), np.zeros(starts), np.ones(starts, bool)
+    for _ in range(EPISODE):
+        step = engine.step(act(seen))
+        seen, rewards = step.observation, rewards + np.where(upright, step.reward, 0.0)
+        upright &= ~step.terminated
+    return rewards, ~upright
+
+
+def leg(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
+    """Rms distance of the foot from its path."""
+    errors, _ = foot_errors(env, actuator, act, starts, seed)
+    return np.sqrt(np.mean(np.square(errors), axis=0)), np.zeros(starts, bool)
+
+
+def arm(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
+    """Largest distance of the tool from its place."""
+    errors, _ = tool_errors(env, actuator, act, starts, seed)
+    return errors.max(axis=0), np.zeros(starts, bool)
+
+
+def hexapod(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
+    """Specific resistance; the most that the task's reward counts where it fell, or went nowhere."""
+    found = walked(env, actuator, act, starts=starts, window=WINDOW, seed=seed)
+    forward = (found.way[:, 0] > 0.0) & ~found.fallen
+    return np.where(forward, np.minimum(found.resistance, MOST), MOST), found.fallen
+
+
+def biped(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
+    """How far the way until the fall is from the commanded one, in parts of that."""
+    way, upright = np.zeros(starts), np.ones(starts, bool)
+    for moment in moments(env | {"speed": JUDGED}, actuator, act, starts, SECONDS, seed):
+        upright = moment.upright
+        way = np.where(upright, moment.forward, way)
+    return np.abs(way / (JUDGED * SECONDS) - 1.0), ~upright
+
+
+def biped_hopping(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
+    """Hops until the fall."""
+    found = attempts(env, actuator, act, starts, SECONDS, seed)
+    return found.count, ~found.upright
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A task, and how its policies are judged.
+
+    Attributes:
+        measure: of each start.
+        said: what it is, with its unit.
+        models: words of the actuator models of its robot; first the one that policies were trained with.
+        starts: on each model.
+        drawn: constant actions that are tried beside 0 and the policies' means.
+        tried: starts of each constant action.
+        more: whether more is better.
+    """
+
+    measure: Callable[[dict[str, Any], Any, Act, int, Seeds], Scores]
+    said: str
+    models: tuple[str, ...]
+    starts: int
+    drawn: int = 20
+    tried: int = 2
+    more: bool = False
+
+
+AMRU5 = ("amru5_lugre", "amru5_dry", "amru5_load", "amru5_frictionless")
+FALLING = ("hopper", "hexapod", "biped", "biped_hopping")
+OTHERS = ("ideal", "regression", "net")
+TASKS: Mapping[str, Judged] = {
+    "hopper": Judged(hopper, "reward of an episode", ("sv1270tg", *OTHERS), 32, more=True),
+    "leg": Judged(leg, "rms error of the foot [mm]", ("silo4_pd", "silo4", *OTHERS), 16),
+    "arm": Judged(arm, "largest error of the tool [mm]", ("srlfj_joint1 to 3", *OTHERS), 8, tried=1),
+    "hexapod": Judged(hexapod, "specific resistance", (*AMRU5, *OTHERS), 2, drawn=6, tried=1),
+    "biped": Judged(biped, f"share by which the way is off, at {JUDGED:g} m/s", ("mabel", *OTHERS), 8),
+    "biped_hopping": Judged(biped_hopping, f"hops in {SECONDS:g} s", ("mabel", *OTHERS), 8, more=True),
+}
+
+
+# --- who acts ---------------------------------------------------------------------------------------------------------
+
+
+class Mean:
+    """A policy, and the mean of its actions so far."""
+
+    def __init__(self, act: Act) -> None:
+        self._act, self._sum, self._count = act, np.zeros(0), 0
+
+    def __call__(self, seen: np.ndarray) -> np.ndarray:
+        action = self._act(seen)
+        self._sum = action.sum(axis=0) if self._count == 0 else self._sum + action.sum(axis=0)
+        self._count += len(action)
+        return action
+
+    @property
+    def action(self) -> list[float]:
+        """The mean action."""
+        return np.round(self._sum / max(self._count, 1), 6).tolist()
+
+
+def constant(actions: np.ndarray) -> Act:
+    """Actions (n, k), or one for all (k,), whatever is seen."""
+    return lambda seen: np.broadcast_to(actions, (len(seen), actions.shape[-1]))
+
+
+def bang_bang(description: Mapping[str, Any], chain: Any) -> Act | None:
+    """The controller of paper 004 on the hopper's observations; None on a chain whose torque it cannot feel."""
+    try:
+        law = BangBang(stiffness=spring_stiffness(load_chain(chain)))
+    except SealegsError:
+        return None
+    names = description["observation_names"]
+    motor, link = ([names.index(f"{joint} {side} [rad]") for joint in ("hip", "knee")]
+                   for side in ("motor reading", "link angle"))  # fmt: skip
+    zero, per_action = np.asarray(description["goal_at_zero"]), np.asarray(description["goal_per_action"])
+    return lambda seen: np.clip((law.goals(seen[:, motor], seen[:, link]) - zero) / per_action, -1.0, 1.0)
+
+
+def best_constant(task: Judged, env: dict[str, Any], chain: Any, known: np.ndarray) -> np.ndarray:
+    """The constant action (k,) with the best mean measure from other starts, of ``known`` (m, k) and drawn ones."""
+    drawn = np.random.default_rng(SEARCH_SEED).uniform(-1.0, 1.0, (task.drawn, known.shape[1]))
+    tried = np.concatenate([known, drawn])
+    seeds = np.tile(SEARCH_SEED + np.arange(task.tried), len(tried)).tolist()
+    acts = constant(np.repeat(tried, task.tried, axis=0))
+    scores, _ = task.measure(env, chain, acts, len(seeds), seeds)
+    means = scores.reshape(len(tried), task.tried).mean(axis=1)
+    return tried[np.argmax(means) if task.more else np.argmin(means)]
+
+
+# --- rows -------------------------------------------------------------------------------------------------------------
+
+
+def read() -> dict[tuple[str, str, str], dict[str, Any]]:
+    """Rows that are there, by task, model and who acts."""
+    if not FILE.is_file():
+        return {}
+    rows = map(json.loads, FILE.read_text(encoding="utf-8").splitlines())
+    return {(row["task"], row["model"], row["actor"]): row for row in rows}
+
+
+def keep(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> None:
+    """Write all rows, in the order of tasks and models."""
+    order = [(task, model) for task, judged in TASKS.items() for model in judged.models]
+    listed = sorted(rows.values(), key=lambda row: (order.index((row["task"], row["model"])), row["actor"]))
+    write_text(FILE, "".join(json.dumps(row) + "\n" for row in listed), replace=True)
+
+
+def actors(name: str) -> list[str]:
+    """Committed policies of a task, then what they are compared with."""
+    seeds = sorted(path.parent.name for path in POLICIES.glob(f"{name}/seed*/policy.json"))
+    return [*seeds, REFERENCE, CONSTANT]
+
+
+def measure(name: str, model: str, actor: str, rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> dict[str, Any]:
+    """A row: the measure of each start, and the falls."""
+    task = TASKS[name]
+    policy, description = load_policy(POLICIES / name / (actor if actor.startswith("seed") else "seed0"))
+    env = at_own_step(description["env"]) if name.startswith("biped") else description["env"]
+    trained = model == task.models[0]
+    chain = description["actuators"] if trained else model
+    row: dict[str, Any] = {"task": name, "model": model, "actor": actor}
+    act: Act | None = Mean(policy)
+    if actor == REFERENCE:
+        felt = next(iter(description["actuators"].values())) if trained else model
+        still = np.zeros(description["action"]["shape"])
+        act = bang_bang(description, felt) if name == "hopper" else constant(still)
+    elif actor == CONSTANT:
+        means = [rows[name, task.models[0], seed]["mean_action"] for seed in actors(name)[:-2]]
+        known = np.array([np.zeros_like(means[0]), *means])
+        best = best_constant(task, env, chain, known)
+        row["action"] = np.round(best, 6).tolist()
+        act = constant(best)
+    if act is None:
+        return row | {"scores": None, "fell": None}
+    scores, fell = task.measure(env, chain, act, task.starts, SEED)
+    if isinstance(act, Mean):
+        row["mean_action"] = act.action
+    return row | {"scores": np.round(scores, 6).tolist(), "fell": int(fell.sum())}
+
+
+# --- what they come to ------------------------------------------------------------------------------------------------
+
+
+def middle(values: np.ndarray) -> tuple[float, float, float]:
+    """Interquartile mean of values (policies, starts), and its 95 % interval by the bootstrap.
+
+    Starts are drawn anew together for all policies, and so are policies from :data:`LEAST_SEEDS` on.
+    """
+    policies, starts = values.shape
+    rng = np.random.default_rng(0)
+    each = np.broadcast_to(np.arange(policies), (RESAMPLES, policies))
+    chosen = rng.integers(policies, size=(RESAMPLES, policies)) if policies >= LEAST_SEEDS else each
+    begun = rng.integers(starts, size=(RESAMPLES, starts))
+    drawn = trim_mean(values[chosen[:, :, None], begun[:, None, :]].reshape(RESAMPLES, -1), 0.25, axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return float(trim_mean(values.ravel(), 0.25)), float(low), float(high)
+
+
+def beside(own: np.ndarray, other: np.ndarray | None, more: bool) -> str:
+    """Whether policies (p, n) surely do better or worse than another (n,) from the same starts."""
+    if other is None:
+        return ""
+    _, low, high = middle((own - other) * (1.0 if more else -1.0))
+    return BETTER if low > 0.0 else WORSE if high < 0.0 else ALIKE
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a task's policies come to on a model; cells of the table, in its order."""
+
+    task: str
+    model: str
+    reference: str
+    constant: str
+    policies: str
+    falls: str
+    against_reference: str
+    against_constant: str
+
+
+def said(values: np.ndarray | None) -> str:
+    """An interquartile mean with its interval."""
+    return "" if values is None else "{:.3g} ({:.3g} to {:.3g})".format(*middle(values))
+
+
+def cell(rows: Mapping[tuple[str, str, str], dict[str, Any]], name: str, model: str) -> Cell | None:
+    """What is told of a task on a model; None while rows are missing."""
+    found = [rows.get((name, model, actor)) for actor in actors(name)]
+    if None in found:
+        return None
+    *policies, reference, fixed = (row for row in found if row is not None)
+    own = np.array([row["scores"] for row in policies])
+    first, second = (None if row["scores"] is None else np.array([row["scores"]]) for row in (reference, fixed))
+    more = TASKS[name].more
+    falls = f"{sum(row['fell'] for row in policies)} of {own.size}" if name in FALLING else ""
+    return Cell(
+        name, model, said(first), said(second), said(own), falls, beside(own, first, more), beside(own, second, more)
+    )  # fmt: skip
+
+
+def page(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
+    """The results as a page of Markdown."""
+    found = {name: [cell(rows, name, model) for model in task.models] for name, task in TASKS.items()}
+    whole = {name: [item for item in cells if item is not None] for name, cells in found.items()}
+    lines = [
+        "# Committed policies on every actuator model of their robot",
+        "",
+        "Interquartile mean over policies and starts, with its 95 % interval by the bootstrap over both (over starts "
+        f"alone below {LEAST_SEEDS} policies). Better and worse: surely so, start by start; empty: the model has no "
+        "spring that the hopper's reference could feel. The first model of a task is that of the training. The best "
+        "constant action is chosen on each model, from other starts. `make policy-matrix`",
+        "",
+        "| task | policies | measure | better is | models | better than the reference | worse | better than the best "
+        "constant action | worse |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, cells in whole.items():
+        counts = [sum(getattr(item, key) == word for item in cells)
+                  for key in ("against_reference", "against_constant") for word in (BETTER, WORSE)]  # fmt: skip
+        task = TASKS[name]
+        lines.append(
+            f"| {name} | {len(actors(name)) - 2} | {task.said} | {'more' if task.more else 'less'} | {len(cells)} | "
+            + " | ".join(map(str, counts)) + " |"
+        )  # fmt: skip
+    for name, cells in whole.items():
+        lines += [
+            "",
+            f"## {name}",
+            "",
+            f"{TASKS[name].said[0].upper()}{TASKS[name].said[1:]}; {'more' if TASKS[name].more else 'less'} is better. "
+            f"{TASKS[name].starts} starts.",
+            "",
+            "| model | reference | best constant action | policies | falls | to the reference | to the constant |",
+            "|---|---|---|---|---|---|---|",
+            *(f"| {item.model} | {item.reference} | {item.constant} | {item.policies} | {item.falls} | "
+              f"{item.against_reference} | {item.against_constant} |" for item in cells),
+        ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+@study
+def main() -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.policy_matrix", description=__doc__)
+    parser.add_argument("tasks", nargs="*", help=f"of {', '.join(TASKS)}; default: all")
+    parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.tasks) - set(TASKS):
+        raise SealegsError(f"there is no task {', '.join(sorted(unknown))}; tasks are {', '.join(TASKS)}.")
+    rows = read()
+    wanted = [(name, model, actor) for name in arguments.tasks or TASKS for model in TASKS[name].models
+              for actor in actors(name)]  # fmt: skip
+    for key in wanted:
+        if key in rows and not arguments.again:
+            continue
+        begun = time.monotonic()
+        rows[key] = measure(*key, rows)
+        keep(rows)
+        scores = rows[key]["scores"]
+        mean = "-" if scores is None else f"{np.mean(scores):.4g}"
+        print(f"{', '.join(key)}: {mean} ({time.monotonic() - begun:.0f} s)", flush=True)
+    Path(FILE).with_suffix(".md").write_text(page(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
