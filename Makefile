@@ -4,7 +4,7 @@ VENV := .venv
 PY := $(VENV)/bin/python
 INSTALLED := $(VENV)/.installed
 LINKS := $(VENV)/types/sealegs
-EXTRAS := train contrib wandb hub report video hw gamepad dynamixel hdf5 ros docs dev
+EXTRAS := train contrib wandb hub sweep report video hw gamepad dynamixel hdf5 ros docs dev
 FOREIGN := lerobot deepdiff orderly-set
 RUFF = $(PY) -m ruff check . && $(PY) -m ruff format --check .
 LAYERS = PYTHONPATH=$(VENV)/types $(VENV)/bin/lint-imports --no-logo --no-cache

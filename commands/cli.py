@@ -11,6 +11,7 @@ from ..configs.script import BAD_INPUT, load, run
 
 COMMANDS = {
     "train": ("sealegs.commands.train", "train", "learn a policy"),
+    "sweep": ("sealegs.commands.sweep", "sweep", "search for the values that a training does best with"),
     "diagnose": ("sealegs.commands.diagnose", "diagnose", "explain a gap from measured logs"),
     "deploy": ("sealegs.commands.deploy", "deploy", "run a policy or an excitation on servos, real or virtual"),
     "evaluate": ("sealegs.commands.evaluate", "evaluate", "compare models, machine and published figures"),

@@ -19,6 +19,7 @@ EXTRAS = {
     "wandb": ("wandb",),
     "hub": ("huggingface_hub",),
     "gamepad": ("pygame",),
+    "sweep": ("optuna",),
     "fleet": ("ray",),
     "hdf5": ("h5py", "pymatreader"),
     "ros": ("rosbags",),

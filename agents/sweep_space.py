@@ -1,0 +1,115 @@
+"""What a sweep draws from: values of the command line in Hydra's grammar of sweeps, as distributions of Optuna.
+
+Hydra's own sweeper for Optuna needs an Optuna below 3 and begins anew after a kill, so the translation stands here.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, RangeSweep
+from hydra.errors import HydraException
+
+from ..common.errors import SealegsError
+from ..common.extras import needed_for
+
+with needed_for("sealegs sweep"):
+    from optuna.distributions import (
+        BaseDistribution,
+        CategoricalDistribution,
+        FloatDistribution,
+        IntDistribution,
+    )
+
+Space = Mapping[str, BaseDistribution]
+"""What each swept key is drawn from."""
+
+
+def read_space(arguments: Sequence[str]) -> tuple[dict[str, BaseDistribution], list[str]]:
+    """Keys that are swept, and the arguments with one value.
+
+    Raises:
+        SealegsError: a sweep that has no values, or is of files.
+    """
+    space: dict[str, BaseDistribution] = {}
+    fixed = []
+    for argument in arguments:
+        key, _, value = argument.partition("=")
+        found = _swept(key.strip(), value.strip())
+        if found is None:
+            fixed.append(argument)
+        else:
+            space[key.strip()] = found
+    return space, fixed
+
+
+def _swept(key: str, value: str) -> BaseDistribution | None:
+    """The distribution that a value stands for; None: it is one value, right or wrong."""
+    try:
+        parsed = OverridesParser.create().parse_override(f"{key}={value}")
+        if not parsed.is_sweep_override():
+            return None
+        found: Any = parsed.value()
+        texts = list(parsed.sweep_string_iterator()) if isinstance(found, ChoiceSweep | RangeSweep) else []
+    except (HydraException, ValueError, RecursionError):
+        return None  # train says what is wrong with it
+    if isinstance(found, ChoiceSweep) and texts:
+        return CategoricalDistribution(texts)
+    if isinstance(found, RangeSweep) and texts:
+        whole = all(isinstance(number, int) for number in (found.start, found.stop, found.step))
+        numbers = sorted(map(int if whole else float, texts))
+        step = abs(found.step)
+        kind: Any = IntDistribution if whole else FloatDistribution
+        return kind(numbers[0], numbers[-1], step=step)
+    if isinstance(found, IntervalSweep) and found.start is not None and found.end is not None:
+        whole = isinstance(found.start, int) and isinstance(found.end, int)
+        kind = IntDistribution if whole else FloatDistribution
+        logarithmic = "log" in found.tags
+        if found.start < found.end and not (logarithmic and found.start <= 0):
+            return kind(found.start, found.end, log=logarithmic)
+    raise SealegsError(
+        f"{key}={value} is no sweep that can be drawn from: give a,b,c, range(1,5), interval(0.9,0.99) or "
+        "tag(log,interval(1e-4,1e-2)), from low to high."
+    )
+
+
+def combinations(space: Space) -> list[dict[str, Any]] | None:
+    """Each combination of values once; None where an interval leaves no end of them."""
+    values = [_values(distribution) for distribution in space.values()]
+    if any(row is None for row in values):
+        return None
+    rows = itertools.product(*(row for row in values if row is not None))
+    return [dict(zip(space, row, strict=True)) for row in rows]
+
+
+def _values(distribution: BaseDistribution) -> list[Any] | None:
+    if isinstance(distribution, CategoricalDistribution):
+        return list(distribution.choices)
+    if isinstance(distribution, IntDistribution) and not distribution.log and distribution.step is not None:
+        return list(range(distribution.low, distribution.high + 1, distribution.step))
+    if isinstance(distribution, FloatDistribution) and distribution.step is not None:
+        count = round((distribution.high - distribution.low) / distribution.step)
+        return [distribution.low + k * distribution.step for k in range(count + 1)]
+    return None
+
+
+def first_values(space: Space) -> dict[str, Any]:
+    """One value of each key, to see whether a training takes it."""
+    return {key: next(_some(distribution)) for key, distribution in space.items()}
+
+
+def _some(distribution: Any) -> Iterator[Any]:
+    yield from distribution.choices if isinstance(distribution, CategoricalDistribution) else (distribution.low,)
+
+
+def as_arguments(values: Mapping[str, Any]) -> list[str]:
+    """Arguments of the command line with these values."""
+    return [f"{key}={_text(value)}" for key, value in values.items()]
+
+
+def _text(value: Any) -> str:
+    return f"{value:.10g}" if isinstance(value, float) and math.isfinite(value) else str(value)
