@@ -188,6 +188,7 @@ NOT_RUN = {
     "train env=hexapod": "takes a minute: tests/envs/test_hexapod.py trains it",
     "paper=": "takes up to minutes a robot: tests/papers",
     "sealegs loop\n": "train-and-deploy.md runs it",
+    "sealegs sweep": "trains dozens of times: tests/agents/test_sweep.py sweeps",
     "sealegs hub": "needs an account: tests/agents/test_hub.py serves a hub",
     "plugins=": "would stay in this process: tests/actuators/test_plugins.py runs it",
     "log=logs/servo": "its run is cut to 2 s here, too short to diagnose: logs/bench is diagnosed",
@@ -268,6 +269,11 @@ def check_command(words: list[str]) -> None:
             assert importlib.util.find_spec(module), f"no module {module}"
         case ["sealegs", "evaluate", "relevant", *arguments]:
             compose("relevant", split(arguments, plain=()))
+        case ["sealegs", "sweep", *arguments]:
+            if importlib.util.find_spec("optuna"):  # an extra of its own
+                from sealegs.agents.sweep import read_sweep
+
+                read_sweep(arguments)
         case ["sealegs", word, *arguments]:
             assert word in cli.COMMANDS, f"no command {word}"
             if word == "import":

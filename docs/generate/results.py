@@ -297,6 +297,7 @@ def policies() -> dict[str, Any]:
         },
         "effects": effects(),
         **on_other_models(),
+        "cluster": cluster(),
         "legs": on_legs(),
     }
 
@@ -338,6 +339,17 @@ def on_other_models() -> dict[str, str]:
         ),
         "collapsed": f"Surely worse than what learned nothing: {'; '.join(worse) or 'none'}.",
         "falls": f"Falls: {'; '.join(falls) or 'none'}.",
+    }
+
+
+def cluster() -> dict[str, str]:
+    """What became of the trials of a sweep, a node of whose cluster was killed."""
+    row = numbers("sweep_on_cluster")
+    return {
+        "trials": str(row["trials"]),
+        "nodes": str(row["nodes"]),
+        "lost": str(len(row["finished trials that changed"])),
+        "ended": str(row["finished in the end"]),
     }
 
 
