@@ -305,6 +305,52 @@ def cell(rows: Mapping[tuple[str, str, str], dict[str, Any]], name: str, model: 
     )  # fmt: skip
 
 
+def cells(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> list[Cell]:
+    """All that have their rows, in the order of tasks and models."""
+    found = (cell(rows, name, model) for name, task in TASKS.items() for model in task.models)
+    return [item for item in found if item is not None]
+
+
+def counted(found: Sequence[Cell], names: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """By task, called as in ``names``: its measure, on the own and on the worst other chain, and counts of verdicts."""
+    lines = []
+    for name, task in TASKS.items():
+        own, *others = (item for item in found if item.task == name)
+        least = (min if task.more else max)(others, key=lambda item: float(_mean(item.policies)))
+        verdicts = (
+            [item.against_reference for item in (own, *others)],
+            [item.against_constant for item in (own, *others)],
+        )
+        lines.append((
+            names.get(name, name), task.said, _mean(own.policies), f"{_mean(least.policies)} on `{least.model}`",
+            str(1 + len(others)), *(f"{row.count(BETTER)} better, {row.count(WORSE)} worse" for row in verdicts),
+        ))  # fmt: skip
+    return lines
+
+
+def worse(found: Sequence[Cell]) -> list[str]:
+    """Where policies surely do worse than the reference or than a constant action."""
+    return [
+        f"{item.task} on `{item.model}` ({_mean(item.policies)}, {what} {_mean(other)})"
+        for item in found
+        for what, verdict, other in (("reference", item.against_reference, item.reference),
+                                     ("constant action", item.against_constant, item.constant))
+        if verdict == WORSE
+    ]  # fmt: skip
+
+
+def falls(found: Sequence[Cell]) -> list[str]:
+    """Where policies fall."""
+    return [
+        f"{item.task} on `{item.model}` {item.falls}" for item in found if item.falls.strip("0")[:3] not in ("", " of")
+    ]
+
+
+def _mean(text: str) -> str:
+    """What stands before its interval."""
+    return text.partition(" ")[0]
+
+
 def page(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
     """The results as a page of Markdown."""
     found = {name: [cell(rows, name, model) for model in task.models] for name, task in TASKS.items()}

@@ -31,6 +31,7 @@ from benchmarks import study
 from benchmarks.speed import RESULTS
 
 FILE = RESULTS / "sweep_on_cluster.json"
+NICENESS = "RAY_worker_niceness"  # of Ray
 NODES, TRIALS = 3, 6
 MEMORY = 100 * 2**20  # [B] of each node's store
 PATIENCE = 1800.0  # [s] until something must have happened
@@ -91,7 +92,7 @@ def measure(out: Path) -> dict[str, Any]:
     """Sweep, kill a node and then the sweep, go on; what came of it."""
     with needed_for("A cluster"):
         cluster_of: Any = importlib.import_module("ray.cluster_utils").Cluster
-    os.environ["RAY_worker_niceness"] = "0"  # whatever else this machine does
+    os.environ[NICENESS] = "0"  # whatever else this machine does
     node = {"num_cpus": 1, "object_store_memory": MEMORY}
     cluster = cluster_of(initialize_head=True, head_node_args={**node, "include_dashboard": False})
     nodes = [cluster.add_node(**node) for _ in range(NODES - 1)]

@@ -304,41 +304,13 @@ def policies() -> dict[str, Any]:
 
 def on_other_models() -> dict[str, str]:
     """The committed policies on the actuator models of their robots: counts, and where they do worse than untrained."""
-    rows = policy_matrix.read()
-    cells = [item for name, task in policy_matrix.TASKS.items() for model in task.models
-             if (item := policy_matrix.cell(rows, name, model)) is not None]  # fmt: skip
-    counted = []
-    for name, task in policy_matrix.TASKS.items():
-        own = [item for item in cells if item.task == name]
-        told = [(item.against_reference, item.against_constant) for item in own]
-        reference, constant = zip(*told, strict=True)
-        counted.append((
-            LEARNED.get(name, name), task.said, _first(own[0].policies), _worst(own[1:], task.more), str(len(own)),
-            *(f"{list(verdicts).count(policy_matrix.BETTER)} better, {list(verdicts).count(policy_matrix.WORSE)} worse"
-              for verdicts in (reference, constant)),
-        ))  # fmt: skip
-    worse = [f"{item.task} on `{item.model}` ({_first(item.policies)}, {what} {_first(beside)})"
-             for item in cells
-             for what, verdict, beside in (("reference", item.against_reference, item.reference),
-                                           ("constant action", item.against_constant, item.constant))
-             if verdict == policy_matrix.WORSE]  # fmt: skip
-    falls = [f"{item.task} on `{item.model}` {item.falls}" for item in cells if not item.falls.startswith("0 of")
-             and item.falls]  # fmt: skip
+    cells = policy_matrix.cells(policy_matrix.read())
+    heads = ("robot and task", "measure", "own chain", "worst other", "models", "to the reference",
+             "to the best constant action")  # fmt: skip
     return {
-        "matrix": table(
-            (
-                "robot and task",
-                "measure",
-                "own chain",
-                "worst other",
-                "models",
-                "to the reference",
-                "to the best constant action",
-            ),
-            counted,
-        ),
-        "collapsed": f"Surely worse than what learned nothing: {'; '.join(worse) or 'none'}.",
-        "falls": f"Falls: {'; '.join(falls) or 'none'}.",
+        "matrix": table(heads, policy_matrix.counted(cells, LEARNED)),
+        "collapsed": "Surely worse than what learned nothing: " + "; ".join(policy_matrix.worse(cells)) + ".",
+        "falls": "Falls: " + "; ".join(policy_matrix.falls(cells)) + ".",
     }
 
 
@@ -351,17 +323,6 @@ def cluster() -> dict[str, str]:
         "lost": str(len(row["finished trials that changed"])),
         "ended": str(row["finished in the end"]),
     }
-
-
-def _first(cell: str) -> str:
-    """The mean in a cell of the matrix, without its interval."""
-    return cell.partition(" ")[0]
-
-
-def _worst(cells: Sequence[policy_matrix.Cell], more: bool) -> str:
-    """The model on which policies do worst, and what they do there."""
-    least = (min if more else max)(cells, key=lambda item: as_number(item.policies))
-    return f"{_first(least.policies)} on `{least.model}`"
 
 
 def on_legs() -> str:
