@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,15 @@ class Walked:
     fallen: np.ndarray
 
 
+@dataclass(frozen=True)
+class Moved:
+    """Walks at a new goal: their engine, the places of all geoms (n, geoms, 3) [m], and whether the way counts."""
+
+    engine: BatchEngine
+    geoms: np.ndarray
+    counts: bool
+
+
 def walked(
     env: dict[str, Any],
     actuator: Any,
@@ -105,6 +115,7 @@ def walked(
     starts: int = EPISODES,
     window: float = WINDOW,
     seed: int | Sequence[int] = SEED,
+    watch: Callable[[Moved], None] | None = None,
 ) -> Walked:
     """Walk for ``window`` [s] after ``START``; specific resistance by (35), the energy from the mean power of each
     control step."""
@@ -114,9 +125,12 @@ def walked(
     observation, start = engine.reset(), round(START * HexapodTask.control_rate)
     steps = start + round(window * HexapodTask.control_rate)
     energy, fallen, begun = np.zeros(starts), np.zeros(starts, bool), places.copy()
+    geoms = None if watch is None else engine.batch.bind("geom_xpos")
     for k in range(steps):
         if k == start:
             begun = places.copy()
+        if watch is not None and geoms is not None:
+            engine.watch = partial(watch, Moved(engine, geoms, k >= start))
         result = engine.step(act(observation))
         observation, fallen = result.observation, fallen | result.terminated
         if k >= start:

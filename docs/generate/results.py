@@ -298,6 +298,7 @@ def policies() -> dict[str, Any]:
         "effects": effects(),
         **on_other_models(),
         "cluster": cluster(),
+        "feet": feet(),
         "legs": on_legs(),
     }
 
@@ -312,6 +313,18 @@ def on_other_models() -> dict[str, str]:
         "collapsed": "Surely worse than what learned nothing: " + "; ".join(policy_matrix.worse(cells)) + ".",
         "falls": "Falls: " + "; ".join(policy_matrix.falls(cells)) + ".",
     }
+
+
+def feet() -> dict[str, str]:
+    """How many learned gaits of the hexapod lift their feet and slide little, and what a higher lift costs."""
+    rows = {row[0]: row for row in Measured()["hexapod_feet"].tables[0].rows if row[0] != "reference"}
+    higher = {name: row for name, row in rows.items() if name.endswith("held")}
+    own = {name: rows[name.partition(",")[0]] for name in higher}
+    costs = [float(higher[name][3]) / float(own[name][3]) - 1.0 for name in higher]
+    counts = {key: str(sum(row[-place] == "yes" for row in of.values()))
+              for key, of, place in (("lift", own, 2), ("slide", own, 1), ("held_lift", higher, 2),
+                                     ("held_slide", higher, 1))}  # fmt: skip
+    return {**counts, "cost": f"{min(costs):.0%} to {max(costs):.0%}"}
 
 
 def cluster() -> dict[str, str]:
