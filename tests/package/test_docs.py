@@ -196,7 +196,7 @@ GIVEN = {
     "index": "0.9 0.6 10 72 100",  # edges of the bins, and settings
     "leg": "000 1 3 5 7",  # the paper's rule and its figure
     "papers": "004 001 000 003 002",
-    "policies": "60 0.1 20 30 100",  # settings
+    "policies": "60 0.1 20 30 100 5",  # settings
     "safety": "100 10",
     "transfer": "64 000 10 20 5 30 32 85 1",  # settings, ranges of the randomisation and a bar
 }
