@@ -221,8 +221,8 @@ class RobotFile:
         for name in self.feet:
             body = self.model.bodies[name]
             spec.body(name).add_geom(
-                type=mujoco.mjtGeom.mjGEOM_BOX, size=box_of(body.mass, body.inertia), pos=body.centre, quat=body.axes,
-                mass=0.0,
+                type=mujoco.mjtGeom.mjGEOM_BOX, size=box_of(body.mass, along_frame(body.inertia, body.axes)),
+                pos=body.centre, mass=0.0,
             )  # fmt: skip
         if self.floor is not None:
             reach = TALL * max(self.height or 0.2, LOW)
@@ -247,8 +247,19 @@ class RobotFile:
         return {label: (*own[:2], self.height, *own[3:])}
 
 
+def along_frame(inertia: tuple[float, float, float], axes: tuple[float, ...]) -> tuple[float, float, float]:
+    """Moments about the axes of a body's frame [kg.m2], from the principal ones and the quaternion of their axes.
+
+    A foot stands level in its frame. Its principal axes lean where its heel is heavier: it stood on its toes' edge.
+    """
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, np.array(axes))
+    x, y, z = np.square(turn.reshape(3, 3)) @ np.array(inertia)
+    return float(x), float(y), float(z)
+
+
 def box_of(mass: float, inertia: tuple[float, float, float]) -> np.ndarray:
-    """Half sides (3,) [m] of the solid box that has a mass [kg] and principal moments [kg.m2] about its axes."""
+    """Half sides (3,) [m] of the solid box that has a mass [kg] and moments [kg.m2] about its axes."""
     squares = 1.5 / mass * (sum(inertia) - 2.0 * np.array(inertia))
     return np.sqrt(np.maximum(squares, 1e-6))
 

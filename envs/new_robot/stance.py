@@ -321,8 +321,8 @@ class _Body:
     def _stance(self, names: list[str], places: list[int], angles: np.ndarray) -> Stance:
         """The pose with its height, and the stiffness of servos whose legs carry equal shares of its weight there.
 
-        Weight bends none by more than :data:`SAG`; two legs do not give way to a tilt; and a leg with its foot on the
-        ground moves its share as fast as a gait asks for.
+        Weight bends none by more than :data:`SAG`, and a leg with its foot on the ground moves its share as fast as a
+        gait asks for; of two legs, over that foot too, for no other one holds it.
         """
         height, model, data = self._height(places, angles), self._model, self._data
         data.qvel[:] = 0.0
@@ -338,7 +338,8 @@ class _Body:
             forces -= share * jacobian[2]
             for name in leg.joints:
                 lever = float(np.linalg.norm(jacobian[:, self._dof(name)]))  # [m]
-                moved[name] = max(QUICK**2 * share * lever**2 / over, weight * over if len(self.legs) == 2 else 0.0)
+                lever = max(lever, over) if len(self.legs) == 2 else lever  # an ankle moves what stands on it
+                moved[name] = QUICK**2 * share * lever**2 / over
         items = self._items
         return Stance(
             {items[n].name: float(a * items[n].terms[0][1]) for n, a in zip(names, angles, strict=True)},
