@@ -146,6 +146,9 @@ class Aligned:
         told = 0.0 if imu is None else np.hypot(imu.noise.orientation, imu.bias.orientation)
         places = np.concatenate([run.position, run.base, leans], axis=1)
         steps = np.concatenate([self._steps["position"], self._steps["base"], np.full(leans.shape[1], told)])
+        rounding = self._steps | (
+            {"link": np.where(run.behind, self._steps["link"], self._steps["position"])} if run.link.size else {}
+        )
         near = np.maximum(DEPARTS * places.std(axis=0), 2.0 * steps)
         state, there = np.zeros(mujoco.mj_stateSize(model, WHOLE)), np.full(len(steps), np.inf)
         taken, foretold = self._samples(run), self._samples(run)
@@ -164,7 +167,7 @@ class Aligned:
             mujoco.mj_getState(model, data, state, WHOLE)
             there = np.concatenate([read["position"][first], read["base"][first], samples.lean])
             self._follow(run, first, last, asked, read, samples)
-            for name, step in self._steps.items():
+            for name, step in rounding.items():
                 if read[name].size:
                     read[name][:] = step * np.round(read[name] / step)
             rows = np.arange(first - 1, last + 1)
@@ -200,7 +203,7 @@ class Aligned:
             samples: of the IMU, to take on the way.
             turn: to fill with how a free base is turned (n, 4).
         """
-        machine, joints, behind = self._machine, range(len(self._machine.names)), self._robot.measures_links
+        machine, joints = self._machine, range(len(self._machine.names))
         advance = machine.advance if samples is None else samples.advance
         sent = np.where(np.isfinite(run.sent), run.sent, run.time) if len(run.sent) else run.time
         machine.data.time = times[first]
@@ -216,7 +219,7 @@ class Aligned:
                 columns[name][row + 1] = [value(joint) for joint in joints]
             columns["base"][row + 1] = [machine.position(k) for k in range(len(joints), len(machine.encoders))]
             if run.link.size:
-                columns["link"][row + 1] = [(machine.link if behind[k] else machine.reading)(k) for k in joints]
+                columns["link"][row + 1] = [(machine.link if run.behind[k] else machine.reading)(k) for k in joints]
             if turn is not None and self._base is not None:
                 turn[row + 1] = machine.base_turn()[0]
 
@@ -344,7 +347,7 @@ def _recording(run: Recording, columns: Mapping[str, np.ndarray]) -> Recording:
     known = np.isfinite(columns["position"])
     velocity = velocity_of(run.time, np.where(known, columns["position"], run.position))
     velocity = np.where(known, velocity, np.nan)
-    return Recording(run.time, run.goal, velocity=velocity, **columns, rewards={}, turned=None)
+    return Recording(run.time, run.goal, velocity=velocity, **columns, rewards={}, behind=run.behind, turned=None)
 
 
 def squares(run: Recording, predicted: Recording, window: float = WINDOW) -> np.ndarray:
@@ -358,16 +361,16 @@ def touches(run: Recording, predicted: Recording, window: float = WINDOW) -> tup
     """How the contact switches of a model follow those of the machine, in the windows of :meth:`Aligned.predict`.
 
     Returns:
-        Share of the samples in which both are closed, or both open (s,), and by how much later the model's close, mean
-        of the windows in which both do (s,) [s]; NaN where none does.
+        Share of the samples in which both are closed, or both open (s,), NaN where the machine's said nothing; and by
+        how much later the model's close, mean of the windows in which both do (s,) [s], NaN where none does.
     """
     ours, theirs = run.turned, predicted.turned
     if ours is None or theirs is None or not theirs.switches.size:
         return np.empty(0), np.empty(0)
     time, rows, columns = np.intersect1d(ours.time, theirs.time, return_indices=True)
     measured, modelled = ours.switches[rows], theirs.switches[columns]
-    known = np.isfinite(measured)
-    agrees = (known & (measured == modelled)).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    alike = np.where(np.isfinite(measured), measured == modelled, np.nan)
+    agrees = np.array([np.nanmean(column) if np.isfinite(column).any() else np.nan for column in alike.T])
     later: list[list[float]] = [[] for _ in agrees]
     for first, last in windows(run, window):
         inside = (time > run.time[first]) & (time <= run.time[last])

@@ -170,11 +170,17 @@ def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[
 
 
 def contacts_of(robot: ServoRobot, found: tuple[np.ndarray, np.ndarray], accounted: np.ndarray) -> dict[str, Contact]:
-    """Of each contact switch of a robot, from what :func:`touches` gives of model and machine, and of the rehearsal."""
+    """Of each contact switch of a robot that said something, from what :func:`touches` gives of model and machine.
+
+    Args:
+        robot: with the switches.
+        found: of model and machine.
+        accounted: share of the samples that are alike in the rehearsal (s,).
+    """
     if robot.imu is None or not len(found[0]):
         return {}
     rows = zip(robot.imu.switches, found[0].tolist(), accounted.tolist(), found[1].tolist(), strict=True)
-    return {switch.name: Contact(*figures) for switch, *figures in rows}
+    return {switch.name: Contact(*figures) for switch, *figures in rows if math.isfinite(figures[0])}
 
 
 def verdict(figures: Figures) -> str:

@@ -70,6 +70,7 @@ class Recording:
         sent: when each cycle's goals went out (n,) [s]; empty: with the reading.
         asked: when the readings were asked for (n,) [s], of which ``time`` is the middle; empty: at ``time``.
         link: position behind springs (n, k), of a joint without an encoder there ``position``; empty: none has one.
+        behind: of which joints ``link`` was measured (k,); empty: of none.
         turned: how the base turned; None: no IMU said it.
     """
 
@@ -85,6 +86,7 @@ class Recording:
     sent: np.ndarray = field(default_factory=lambda: np.empty(0))
     asked: np.ndarray = field(default_factory=lambda: np.empty(0))
     link: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    behind: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
     turned: Turned | None = None
 
     @property
@@ -98,10 +100,10 @@ class Recording:
         values: dict[str, Any] = {
             name: value[kept] if len(value) else value
             for name, value in vars(self).items()
-            if name not in ("rewards", "turned")
+            if name not in ("rewards", "turned", "behind")
         }
         rewards = {name: value[kept] for name, value in self.rewards.items()}
-        return Recording(**values, rewards=rewards, turned=self.turned)
+        return Recording(**values, rewards=rewards, turned=self.turned, behind=self.behind)
 
 
 class _Unstopped(Safety):
@@ -165,8 +167,8 @@ def recorded(path: Path, commands: Commands, robot: ServoRobot) -> Recording:
     columns = {name: column(name) for name in ("goal", "position", "duty", "current", "voltage")}
     columns["velocity"] = velocity_of(run.time, columns["position"])
     links = [joint.position if joint.link_position is None else joint.link_position for joint in joints]
-    behind = any(joint.link_position is not None for joint in joints)
-    link = np.stack(links, axis=1) if behind else np.empty((0, 0))
+    behind = np.array([joint.link_position is not None for joint in joints])
+    link = np.stack(links, axis=1) if behind.any() else np.empty((0, 0))
     sent, asked = (
         run.host[name] - run.time[0] if name in run.host else np.empty(0) for name in ("goal_sent", "read_sent")
     )
@@ -179,7 +181,7 @@ def recorded(path: Path, commands: Commands, robot: ServoRobot) -> Recording:
         switches = [log.switches.get(switch.name, silent) for switch in robot.imu.switches]
         taken = log.time - robot.imu.delay - run.time[0]
         turned = Turned(taken, log.orientation, log.turn_rate, np.array([*switches]).reshape(-1, len(taken)).T)
-    found = Recording(**times, **columns, base=base, rewards={}, link=link, turned=turned).cut(known)
+    found = Recording(**times, **columns, base=base, rewards={}, link=link, behind=behind, turned=turned).cut(known)
     found = replace(found, rewards=rewards_of(commands, run.time[known] + begun))
     sat = next((event["time"] for event in read_events(path) if event["event"] == "sitting down"), math.inf)
     return found.cut(int((run.time[known] < sat).sum()))

@@ -100,9 +100,42 @@ def test_the_touches_of_a_model_are_compared_where_both_have_a_sample() -> None:
     silent = np.where(time < 1.0, np.nan, closed)
     agrees, later = touches(run(slice(None), closed, closed, silent), run(slice(3, None, 2), closed, late, closed))
     assert agrees[0] == 1.0 and 0.85 < agrees[1] < 1.0
+    assert agrees[2] == 1.0, "where it said something"
     assert later[0] == 0.0 and later[1] == pytest.approx(0.02)
     bare: Any = SimpleNamespace(turned=None)
     assert len(touches(bare, bare)[0]) == 0
+
+
+def test_a_switch_that_the_machine_never_told_is_not_compared() -> None:
+    """It was told as 'contact as on the machine 0 %'."""
+    time = np.arange(0.0, 1.0, 0.01)
+    still, closed = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1)), (time % 0.5 >= 0.3).astype(float)
+
+    def run(*switches: np.ndarray) -> Any:
+        turned = Turned(time, still, still[:, 1:], np.stack(switches, axis=1))
+        return SimpleNamespace(time=time, period=0.01, turned=turned)
+
+    robot: Any = SimpleNamespace(
+        imu=SimpleNamespace(switches=[SimpleNamespace(name="left"), SimpleNamespace(name="right")])
+    )
+    found = touches(run(closed, np.full(len(time), np.nan)), run(closed, closed))
+    assert math.isnan(found[0][1]) and math.isnan(found[1][1])
+    assert list(contacts_of(robot, found, np.ones(2))) == ["left"]
+
+
+def test_what_was_read_at_a_motor_is_held_against_the_models_reading_there() -> None:
+    """A log without a joint's second encoder was compared by the robot's list: a motor's reading with a link."""
+    settings = config("robot=hopper", patient=False)["robot"]
+    sensors = {name: row for name, row in settings["sensors"].items() if name != "knee.link"}
+    bare, robot = (build_robot(one) for one in ({**settings, "sensors": sensors}, settings))
+    limits = Limits.from_config(settings["safety"])
+    run = simulate(bare, sine(0.05, 1.0)(bare), limits, 50.0, 1.0)
+    assert run.behind.tolist() == [True, False] and (run.link[:, 1] == run.position[:, 1]).all()
+    predicted = Aligned(robot).predict(run)
+    known = np.isfinite(predicted.position[:, 1])
+    assert known.any() and (predicted.link[known, 1] == predicted.position[known, 1]).all()
+    assert (predicted.link[known, 0] != predicted.position[known, 0]).any()
+    assert predicted.behind.tolist() == run.cut(5).behind.tolist() == [True, False]
 
 
 def test_a_base_that_only_an_imu_measures_stands_turned_as_it_says_and_moves_over_its_lowest_foot() -> None:
