@@ -6,14 +6,17 @@
 
 Nothing is trained. Each policy acts on the chain of its training and on the others of its robot, from starts that no
 training has seen; what counts is the measure of its task. The reference is the action 0 where actions correct one, and
-the controller of paper 004 for the hopper. The best constant action is chosen anew on each model, from other starts: of
-the action 0, the mean action of each policy, and actions drawn uniformly. So it knows the model; a policy does not.
+the controller of paper 004 for the hopper. The best constant action of those tried is chosen anew on each model, from
+other starts: of the action 0, the mean action of each policy, and actions drawn uniformly. So it knows the model; a
+policy does not. A row holds the digest of the policies that it was measured with, and one of other policies is no row.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import trim_mean
+from scipy.stats import t as student
 from sealegs.actuators import load_chain
 from sealegs.agents.policy_files import load_policy
 from sealegs.common.atomic import write_text
@@ -48,10 +51,16 @@ SEED, SEARCH_SEED = 40_000, 60_000  # of the starts that are judged, and of thos
 EPISODE = ENVIRONMENTS["Hopper"]  # control steps
 SECONDS = 15.0  # of walking and of hopping
 WINDOW = 12.0  # [s] of the hexapod's way, two cycles of its gait, after as many
-RESAMPLES = 2000
-LEAST_SEEDS = 3  # from which policies are drawn anew by the bootstrap
+LEAST_POLICIES = 3  # from which they stand for others of their training; assumed, as two tell little of a spread
+LEAST_STARTS = 6  # the same of starts; assumed, as 5 differences have one sign by chance in 2 of 32, over 5 %
+SURE = 0.95  # of an interval, and of a verdict
 REFERENCE, CONSTANT = "reference", "constant"
-BETTER, WORSE, ALIKE = "better", "**worse**", "alike"
+BETTER, WORSE, ALIKE, UNJUDGED = "better", "**worse**", "alike", "not judged"
+RULE = (
+    f"Intervals of {100 * SURE:g} % and verdicts are by Student's t of the means of policies and of starts: over "
+    f"policies where there are {LEAST_POLICIES} or more, else of these policies alone, each with its own value; over "
+    f"starts where there are {LEAST_STARTS} or more, else from these starts alone. Below both nothing is judged."
+)
 Act = Callable[[np.ndarray], np.ndarray]
 Seeds = int | Sequence[int]
 Scores = tuple[np.ndarray, np.ndarray]
@@ -94,12 +103,12 @@ def hexapod(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: See
 
 
 def biped(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
-    """How far the way until the fall is from the commanded one, in parts of that."""
+    """How far the way is from the commanded one, in parts of that; with a fall all of it is lost."""
     way, upright = np.zeros(starts), np.ones(starts, bool)
     for moment in moments(env | {"speed": JUDGED}, actuator, act, starts, SECONDS, seed):
         upright = moment.upright
         way = np.where(upright, moment.forward, way)
-    return np.abs(way / (JUDGED * SECONDS) - 1.0), ~upright
+    return np.where(upright, np.abs(way / (JUDGED * SECONDS) - 1.0), 1.0), ~upright
 
 
 def biped_hopping(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
@@ -116,7 +125,7 @@ class Judged:
         measure: of each start.
         said: what it is, with its unit.
         models: words of the actuator models of its robot; first the one that policies were trained with.
-        starts: on each model.
+        starts: on each model; 1 where all come to the same.
         drawn: constant actions that are tried beside 0 and the policies' means.
         tried: starts of each constant action.
         more: whether more is better.
@@ -127,7 +136,7 @@ class Judged:
     models: tuple[str, ...]
     starts: int
     drawn: int = 20
-    tried: int = 2
+    tried: int = 8
     more: bool = False
 
 
@@ -137,7 +146,7 @@ OTHERS = ("ideal", "regression", "net")
 TASKS: Mapping[str, Judged] = {
     "hopper": Judged(hopper, "reward of an episode", ("sv1270tg", *OTHERS), 32, more=True),
     "leg": Judged(leg, "rms error of the foot [mm]", ("silo4_pd", "silo4", *OTHERS), 16),
-    "arm": Judged(arm, "largest error of the tool [mm]", ("srlfj_joint1 to 3", *OTHERS), 8, tried=1),
+    "arm": Judged(arm, "largest error of the tool [mm]", ("srlfj_joint1 to 3", *OTHERS), 1, tried=1),
     "hexapod": Judged(hexapod, "specific resistance", (*AMRU5, *OTHERS), 2, drawn=6, tried=1),
     "biped": Judged(biped, f"share by which the way is off, at {JUDGED:g} m/s", ("mabel", *OTHERS), 8),
     "biped_hopping": Judged(biped_hopping, f"hops in {SECONDS:g} s", ("mabel", *OTHERS), 8, more=True),
@@ -198,11 +207,23 @@ def best_constant(task: Judged, env: dict[str, Any], chain: Any, known: np.ndarr
 
 
 def read() -> dict[tuple[str, str, str], dict[str, Any]]:
-    """Rows that are there, by task, model and who acts."""
+    """Rows that are there of the policies as they are now, by task, model and who acts."""
     if not FILE.is_file():
         return {}
+    now = {(name, actor): digest(name, actor) for name in TASKS for actor in actors(name)}
     rows = map(json.loads, FILE.read_text(encoding="utf-8").splitlines())
-    return {(row["task"], row["model"], row["actor"]): row for row in rows}
+    return {
+        (row["task"], row["model"], row["actor"]): row
+        for row in rows
+        if row["policies"] == now.get((row["task"], row["actor"]))
+    }
+
+
+def digest(name: str, actor: str) -> str:
+    """Of the policies that a row rests on: its own, all of a constant, and the one whose robot a reference has."""
+    seeds = {REFERENCE: ["seed0"], CONSTANT: actors(name)[:-2]}.get(actor, [actor])
+    files = (POLICIES / name / seed / file for seed in seeds for file in ("policy.json", "policy.safetensors"))
+    return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
 
 
 def keep(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> None:
@@ -225,7 +246,7 @@ def measure(name: str, model: str, actor: str, rows: Mapping[tuple[str, str, str
     env = at_own_step(description["env"]) if name.startswith("biped") else description["env"]
     trained = model == task.models[0]
     chain = description["actuators"] if trained else model
-    row: dict[str, Any] = {"task": name, "model": model, "actor": actor}
+    row: dict[str, Any] = {"task": name, "model": model, "actor": actor, "policies": digest(name, actor)}
     act: Act | None = Mean(policy)
     if actor == REFERENCE:
         felt = next(iter(description["actuators"].values())) if trained else model
@@ -248,46 +269,98 @@ def measure(name: str, model: str, actor: str, rows: Mapping[tuple[str, str, str
 # --- what they come to ------------------------------------------------------------------------------------------------
 
 
-def middle(values: np.ndarray) -> tuple[float, float, float]:
-    """Interquartile mean of values (policies, starts), and its 95 % interval by the bootstrap.
+@dataclass(frozen=True)
+class Estimate:
+    """A mean, and its interval of :data:`SURE`; NaN: of too few."""
 
-    Starts are drawn anew together for all policies, and so are policies from :data:`LEAST_SEEDS` on.
+    mean: float
+    low: float = math.nan
+    high: float = math.nan
+
+    def __str__(self) -> str:
+        """As a page has it."""
+        return short(self) + ("" if math.isnan(self.low) else f" ({self.low:.3g} to {self.high:.3g})")
+
+
+def short(*estimates: Estimate) -> str:
+    """Means alone."""
+    return ", ".join(f"{item.mean:.3g}" for item in estimates)
+
+
+def estimate(values: np.ndarray) -> Estimate:
+    """Of values (policies, starts), as :data:`RULE` says.
+
+    Both spreads count where both are of enough. What is of one policy at one start is then in both, which errs on the
+    side of a wide interval.
     """
-    policies, starts = values.shape
-    rng = np.random.default_rng(0)
-    each = np.broadcast_to(np.arange(policies), (RESAMPLES, policies))
-    chosen = rng.integers(policies, size=(RESAMPLES, policies)) if policies >= LEAST_SEEDS else each
-    begun = rng.integers(starts, size=(RESAMPLES, starts))
-    drawn = trim_mean(values[chosen[:, :, None], begun[:, None, :]].reshape(RESAMPLES, -1), 0.25, axis=1)
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    return float(trim_mean(values.ravel(), 0.25)), float(low), float(high)
+    mean, parts = float(values.mean()), []
+    for axis, least in ((1, LEAST_POLICIES), (0, LEAST_STARTS)):
+        means = values.mean(axis=axis)
+        if len(means) >= least:
+            parts.append((float(means.var(ddof=1)) / len(means), len(means) - 1))
+    if not parts:
+        return Estimate(mean)
+    variance = sum(part for part, _ in parts)
+    within = sum(part**2 / freedom for part, freedom in parts)
+    freedom = variance**2 / within if within else 1.0  # Welch and Satterthwaite
+    half = float(student.ppf(0.5 + 0.5 * SURE, freedom)) * math.sqrt(variance)
+    return Estimate(mean, mean - half, mean + half)
 
 
 def beside(own: np.ndarray, other: np.ndarray | None, more: bool) -> str:
     """Whether policies (p, n) surely do better or worse than another (n,) from the same starts."""
     if other is None:
         return ""
-    _, low, high = middle((own - other) * (1.0 if more else -1.0))
-    return BETTER if low > 0.0 else WORSE if high < 0.0 else ALIKE
+    gain = estimate((own - other) * (1.0 if more else -1.0))
+    if math.isnan(gain.low):
+        return UNJUDGED
+    return BETTER if gain.low > 0.0 else WORSE if gain.high < 0.0 else ALIKE
+
+
+def over(policies: int, starts: int) -> str:
+    """What intervals and verdicts of a task are over."""
+    many = policies >= LEAST_POLICIES, starts >= LEAST_STARTS
+    return {
+        (True, True): "over policies and starts",
+        (True, False): "over policies, from these starts alone",
+        (False, True): "over starts, of these policies alone",
+        (False, False): "none, of too few policies and starts",
+    }[many]
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What a task's policies come to on a model; cells of the table, in its order."""
+    """What a task's policies come to on a model.
+
+    Attributes:
+        task, model: which.
+        reference: that they are beside; None: the model has none.
+        constant: the best constant action of those tried.
+        policies: of all of them; each by itself below :data:`LEAST_POLICIES`.
+        fell: falls, of :attr:`tried` starts of policies.
+        tried: their number.
+        against_reference, against_constant: verdicts.
+    """
 
     task: str
     model: str
-    reference: str
-    constant: str
-    policies: str
-    falls: str
+    reference: Estimate | None
+    constant: Estimate
+    policies: tuple[Estimate, ...]
+    fell: int
+    tried: int
     against_reference: str
     against_constant: str
 
+    @property
+    def mean(self) -> float:
+        """Over policies and starts."""
+        return float(np.mean([item.mean for item in self.policies]))
 
-def said(values: np.ndarray | None) -> str:
-    """An interquartile mean with its interval."""
-    return "" if values is None else "{:.3g} ({:.3g} to {:.3g})".format(*middle(values))
+    @property
+    def falls(self) -> str:
+        """As a page has them; empty where nobody can fall."""
+        return f"{self.fell} of {self.tried}" if self.task in FALLING else ""
 
 
 def cell(rows: Mapping[tuple[str, str, str], dict[str, Any]], name: str, model: str) -> Cell | None:
@@ -296,12 +369,13 @@ def cell(rows: Mapping[tuple[str, str, str], dict[str, Any]], name: str, model: 
     if None in found:
         return None
     *policies, reference, fixed = (row for row in found if row is not None)
-    own = np.array([row["scores"] for row in policies])
-    first, second = (None if row["scores"] is None else np.array([row["scores"]]) for row in (reference, fixed))
-    more = TASKS[name].more
-    falls = f"{sum(row['fell'] for row in policies)} of {own.size}" if name in FALLING else ""
+    own, more = np.array([row["scores"] for row in policies]), TASKS[name].more
+    first = None if reference["scores"] is None else np.array([reference["scores"]])
+    second = np.array([fixed["scores"]])
     return Cell(
-        name, model, said(first), said(second), said(own), falls, beside(own, first, more), beside(own, second, more)
+        name, model, None if first is None else estimate(first), estimate(second),
+        (estimate(own),) if len(own) >= LEAST_POLICIES else tuple(estimate(row[None]) for row in own),
+        sum(row["fell"] for row in policies), own.size, beside(own, first, more), beside(own, second, more),
     )  # fmt: skip
 
 
@@ -311,19 +385,40 @@ def cells(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> list[Cell]:
     return [item for item in found if item is not None]
 
 
+def tried(name: str) -> int:
+    """Constant actions that are tried: 0, the mean of each policy, and those drawn."""
+    return 1 + len(actors(name)[:-2]) + TASKS[name].drawn
+
+
+def counts(verdicts: Sequence[str]) -> str:
+    """How often policies do better and worse."""
+    unjudged = verdicts.count(UNJUDGED)
+    judged = [f"{verdicts.count(BETTER)} better, {verdicts.count(WORSE)} worse"] if unjudged < len(verdicts) else []
+    return ", ".join(judged + [UNJUDGED] * (unjudged > 0))
+
+
+HEADS = ("robot and task", "policies", "starts", "measure", "own chain", "worst other", "models", "to the reference",
+         "to the best constant tried")  # fmt: skip
+
+
 def counted(found: Sequence[Cell], names: Mapping[str, str]) -> list[tuple[str, ...]]:
-    """By task, called as in ``names``: its measure, on the own and on the worst other chain, and counts of verdicts."""
+    """By task, called as in ``names``, what :data:`HEADS` say; counts are of verdicts.
+
+    A task is left out while what its policies do on their own chain has no rows.
+    """
     lines = []
     for name, task in TASKS.items():
-        own, *others = (item for item in found if item.task == name)
-        least = (min if task.more else max)(others, key=lambda item: float(_mean(item.policies)))
-        verdicts = (
-            [item.against_reference for item in (own, *others)],
-            [item.against_constant for item in (own, *others)],
-        )
+        of = {item.model: item for item in found if item.task == name}
+        if task.models[0] not in of:
+            continue
+        others = [item for model, item in of.items() if model != task.models[0]]
+        least = sorted(others, key=lambda item: item.mean, reverse=not task.more)[:1]
         lines.append((
-            names.get(name, name), task.said, _mean(own.policies), f"{_mean(least.policies)} on `{least.model}`",
-            str(1 + len(others)), *(f"{row.count(BETTER)} better, {row.count(WORSE)} worse" for row in verdicts),
+            names.get(name, name), str(len(actors(name)[:-2])), str(task.starts), task.said,
+            short(*of[task.models[0]].policies),
+            "".join(f"{short(*item.policies)} on `{item.model}`" for item in least), str(len(of)),
+            counts([item.against_reference for item in of.values()]),
+            counts([item.against_constant for item in of.values()]),
         ))  # fmt: skip
     return lines
 
@@ -331,62 +426,48 @@ def counted(found: Sequence[Cell], names: Mapping[str, str]) -> list[tuple[str, 
 def worse(found: Sequence[Cell]) -> list[str]:
     """Where policies surely do worse than the reference or than a constant action."""
     return [
-        f"{item.task} on `{item.model}` ({_mean(item.policies)}, {what} {_mean(other)})"
+        f"{item.task} on `{item.model}` ({short(*item.policies)}, {what} {short(other)})"
         for item in found
         for what, verdict, other in (("reference", item.against_reference, item.reference),
                                      ("constant action", item.against_constant, item.constant))
-        if verdict == WORSE
+        if verdict == WORSE and other is not None
     ]  # fmt: skip
 
 
 def falls(found: Sequence[Cell]) -> list[str]:
     """Where policies fall."""
-    return [
-        f"{item.task} on `{item.model}` {item.falls}" for item in found if item.falls.strip("0")[:3] not in ("", " of")
-    ]
-
-
-def _mean(text: str) -> str:
-    """What stands before its interval."""
-    return text.partition(" ")[0]
+    return [f"{item.task} on `{item.model}` {item.falls}" for item in found if item.fell]
 
 
 def page(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
     """The results as a page of Markdown."""
-    found = {name: [cell(rows, name, model) for model in task.models] for name, task in TASKS.items()}
-    whole = {name: [item for item in cells if item is not None] for name, cells in found.items()}
+    whole = {name: [item for item in cells(rows) if item.task == name] for name in TASKS}
     lines = [
         "# Committed policies on every actuator model of their robot",
         "",
-        "Interquartile mean over policies and starts, with its 95 % interval by the bootstrap over both (over starts "
-        f"alone below {LEAST_SEEDS} policies). Better and worse: surely so, start by start; empty: the model has no "
-        "spring that the hopper's reference could feel. The first model of a task is that of the training. The best "
-        "constant action is chosen on each model, from other starts. `make policy-matrix`",
+        f"Means over policies and starts. {RULE} Better and worse: surely so, start by start, each verdict by itself; "
+        "empty: the model has no spring that the hopper's reference could feel. The first model of a task is that of "
+        "the training. The constant action is the best of those tried on each model, from other starts. "
+        "`make policy-matrix`",
         "",
-        "| task | policies | measure | better is | models | better than the reference | worse | better than the best "
-        "constant action | worse |",
-        "|---|---|---|---|---|---|---|---|---|",
+        f"| {' | '.join(HEADS)} |",
+        "|---" * len(HEADS) + "|",
+        *(f"| {' | '.join(line)} |" for line in counted(cells(rows), {})),
     ]
-    for name, cells in whole.items():
-        counts = [sum(getattr(item, key) == word for item in cells)
-                  for key in ("against_reference", "against_constant") for word in (BETTER, WORSE)]  # fmt: skip
+    for name, of in whole.items():
         task = TASKS[name]
-        lines.append(
-            f"| {name} | {len(actors(name)) - 2} | {task.said} | {'more' if task.more else 'less'} | {len(cells)} | "
-            + " | ".join(map(str, counts)) + " |"
-        )  # fmt: skip
-    for name, cells in whole.items():
         lines += [
             "",
             f"## {name}",
             "",
-            f"{TASKS[name].said[0].upper()}{TASKS[name].said[1:]}; {'more' if TASKS[name].more else 'less'} is better. "
-            f"{TASKS[name].starts} starts.",
+            f"{task.said[0].upper()}{task.said[1:]}; {'more' if task.more else 'less'} is better. "
+            f"Intervals and verdicts: {over(len(actors(name)[:-2]), task.starts)}.",
             "",
-            "| model | reference | best constant action | policies | falls | to the reference | to the constant |",
+            f"| model | reference | best of {tried(name)} constant actions | policies | falls | to the reference "
+            "| to the constant |",
             "|---|---|---|---|---|---|---|",
-            *(f"| {item.model} | {item.reference} | {item.constant} | {item.policies} | {item.falls} | "
-              f"{item.against_reference} | {item.against_constant} |" for item in cells),
+            *(f"| {item.model} | {item.reference or ''} | {item.constant} | {', '.join(map(str, item.policies))} | "
+              f"{item.falls} | {item.against_reference} | {item.against_constant} |" for item in of),
         ]  # fmt: skip
     return "\n".join(lines) + "\n"
 

@@ -306,10 +306,11 @@ def policies() -> dict[str, Any]:
 def on_other_models() -> dict[str, str]:
     """The committed policies on the actuator models of their robots: counts, and where they do worse than untrained."""
     cells = policy_matrix.cells(policy_matrix.read())
-    heads = ("robot and task", "measure", "own chain", "worst other", "models", "to the reference",
-             "to the best constant action")  # fmt: skip
+    tried = [policy_matrix.tried(name) for name in policy_matrix.TASKS]
     return {
-        "matrix": table(heads, policy_matrix.counted(cells, LEARNED)),
+        "matrix": table(policy_matrix.HEADS, policy_matrix.counted(cells, LEARNED)),
+        "matrix_rule": policy_matrix.RULE,
+        "tried": f"{min(tried)} to {max(tried)}",
         "collapsed": "Surely worse than what learned nothing: " + "; ".join(policy_matrix.worse(cells)) + ".",
         "falls": "Falls: " + "; ".join(policy_matrix.falls(cells)) + ".",
     }
