@@ -19,9 +19,10 @@ from .algorithms import ACTIVATIONS
 # A resumed run stays the same experiment: only its length and its bookkeeping may change.
 _RESUMABLE = ("total_timesteps", "threads", "evaluate", "checkpoint", "video", "wandb")
 _NAMED = ("resume", "env", "trust")  # which run, the file of its task, and whether its pickles may be loaded
-_WORDS = (
+WORDS = (
     "actuator", "env", "extended", "from", "hyperparams", "name", "out", "randomization", "resume", "robot", "wandb",
 )  # fmt: skip
+"""Keys whose values are names of files or words, and no expressions."""
 _MODEL = ("actuator", "extended", "randomization")  # one of them given, none of an earlier run's counts
 
 
@@ -99,13 +100,18 @@ class Request:
     seeds: tuple[int, ...] = ()
 
 
-def read_config(arguments: Sequence[str]) -> Request:
+def read_config(arguments: Sequence[str], trust: bool = True) -> Request:
     """Request of the command line.
 
+    Args:
+        arguments: of ``sealegs train``.
+        trust: whether a person named what they hold; where a file did, a new run loads no code of other packages.
+
     Raises:
-        SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take.
+        SealegsError: an unknown key, a value of the wrong type or size, a change that a resumed run cannot take; or
+            code that nobody trusts.
     """
-    pairs = split(arguments, plain=_WORDS)
+    pairs = split(arguments, plain=WORDS)
     resume = pairs.get("resume", "null")
     if resume not in ("", "null"):
         own = override({"resume": "", "env": None, "trust": False}, {k: pairs.pop(k) for k in _NAMED if k in pairs})
@@ -116,8 +122,8 @@ def read_config(arguments: Sequence[str]) -> Request:
                     f"A resumed run keeps its config, so {key} cannot be given with resume; "
                     f"what can: {', '.join(_RESUMABLE)}."
                 )
-        task, trust = checked("env", own["env"], str | None), checked("trust", own["trust"], bool)
-        return Request(None, Path(), None, Path(str(own["resume"])), overrides, task, trust)
+        task, trusted = checked("env", own["env"], str | None), checked("trust", own["trust"], bool)
+        return Request(None, Path(), None, Path(str(own["resume"])), overrides, task, trusted)
     begins = pairs.get("from", "null") not in ("", "null")
     if pairs.get("robot", "null") not in ("", "null") and not begins:
         pairs = {"env": "track", **pairs}  # a robot of one's own has the tasks that any robot has
@@ -135,6 +141,8 @@ def read_config(arguments: Sequence[str]) -> Request:
         raise SealegsError("trust= is for a run that there is: leave it out, or say which, resume=<run>.")
     seeds, plain["seed"] = _seeds(plain.pop("seeds"), plain["seed"])
     plain = _extended(_drawn_from(plain))
+    if not trust:
+        _refuse_foreign(plain["agent"], "The agent of this run")
     return Request(train_config(plain), Path(out), None if name is None else str(name), None, {}, seeds=seeds)
 
 
@@ -270,14 +278,17 @@ def _env_as_named(stored: Mapping[str, Any], where: str, task: str | None, trust
 
     if "${" in json.dumps(stored, default=str):  # OmegaConf would fill in variables of the person's environment
         raise SealegsError(f"{where}: its config.yaml holds '${{'; write out what it stands for.")
+    env = trained_in(checked("env", stored.get("env"), dict[str, Any]), where, task, "env")
+    if not trust:
+        _refuse_foreign(checked("agent", stored.get("agent"), dict[str, Any]), f"{where}: its config.yaml")
+    return env
+
+
+def _refuse_foreign(agent: Mapping[str, Any], where: str) -> None:
     from .algorithms import foreign
 
-    env = trained_in(checked("env", stored.get("env"), dict[str, Any]), where, task, "env")
-    if not trust and (named := foreign(checked("agent", stored.get("agent"), dict[str, Any]))):
-        raise SealegsError(
-            f"{where}: its config.yaml names {named[0]}, which is code: give trust=true if you trust it."
-        )
-    return env
+    if named := foreign(agent):
+        raise SealegsError(f"{where} names {named[0]}, which is code: give trust=true if you trust it.")
 
 
 def train_config(plain: Mapping[str, Any]) -> TrainConfig:

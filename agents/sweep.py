@@ -6,11 +6,13 @@ trial<k>/         the run of a trial, or the folder of its seeds; trial<k>.log i
 trials.md         all of them, the best first
 
 The study is told a reward as soon as a trial has it, by one process alone. So a kill loses no finished trial, and those
-that ran go on from their checkpoints.
+that ran go on from their checkpoints. One without a reward is never at its end: a sweep that goes on tries it again.
+The folder may be moved or copied.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import asdict, dataclass, replace
@@ -24,12 +26,12 @@ from ..common.documents import read_mapping
 from ..common.errors import SealegsError
 from ..common.extras import needed_for
 from ..configs.check import Count, checked, or_null
-from ..configs.compose import compose, split
+from ..configs.compose import compose, override, split
 from ..configs.script import Interrupted
-from .config import read_config
 from .run_folder import RunFolder
-from .sweep_space import Space, as_arguments, combinations, first_values, read_space
-from .sweep_workers import MARK, Result, Trial, Workers, outcome, workers_for
+from .sweep_plan import Code, Plan, code_of, rooted, tasks_in
+from .sweep_space import as_arguments, combinations
+from .sweep_workers import ATTEMPTS, MARK, Result, Trial, Workers, outcome, workers_for
 
 with needed_for("sealegs sweep"):
     import optuna
@@ -40,10 +42,9 @@ with needed_for("sealegs sweep"):
 JOURNAL, TABLE = "study.journal", "trials.md"
 TRIALS = 20
 """Where an interval is swept and nobody says how many."""
-ARGUMENTS = "arguments"
-"""Of a trial in the study."""
+STUDY = "sweep"
+"""Name of the study in its journal, wherever the folder is."""
 OWN = ("trials", "workers", "cluster", "name", "out", "resume")
-QUIET = "video.seconds=0"
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,10 @@ class Sweep:
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A sweep to begin, or to go on with in ``resume``, and where its trials are trained."""
+    """A sweep to begin, or to go on with in ``resume``, the code that may run, and where its trials are trained."""
 
     sweep: Sweep
+    code: Code
     out: Path
     name: str | None
     resume: Path | None
@@ -85,27 +87,25 @@ def read_sweep(arguments: Sequence[str]) -> SweepRequest:
     if cluster not in (None, "ray"):
         raise SealegsError(f"cluster={cluster} is not known: give cluster=ray, or leave it out.")
     name, resume = checked("name", own["name"], str | int | None), checked("resume", own["resume"], str | None)
-    folder = None if resume is None else Path(resume)
-    if folder is None:
-        check(rest)
-    elif rest:
-        raise SealegsError(f"A sweep that goes on keeps what it sweeps, so {rest[0]} cannot be given with resume.")
+    if resume is None:
+        rest = rooted(rest)
+        code = Code(tuple(tasks_in(rest)), trust=True)
+        Plan(rest, code, "The sweep").check()
+    else:
+        code, rest = _code_again(rest), []
     return SweepRequest(
-        Sweep(tuple(rest), trials), Path(checked("out", own["out"], str)), None if name is None else str(name), folder,
-        checked("workers", own["workers"], or_null(Count)), cluster,
+        Sweep(tuple(rest), trials), code, Path(checked("out", own["out"], str)), None if name is None else str(name),
+        None if resume is None else Path(resume), checked("workers", own["workers"], or_null(Count)), cluster,
     )  # fmt: skip
 
 
-def check(arguments: Sequence[str]) -> None:
-    """See that something is swept, and that a training takes it.
-
-    Raises:
-        SealegsError: it is not so.
-    """
-    space, fixed = read_space(arguments)
-    if not space:
-        raise SealegsError("Nothing is swept: give a key several values, such as agent.gamma=0.9,0.95.")
-    read_config([*fixed, *as_arguments(first_values(space))])
+def _code_again(rest: Sequence[str]) -> Code:
+    """The code that a command names beside ``resume``, with which nothing else can be given."""
+    trust = {key: value for key, _, value in (word.partition("=") for word in rest) if key == "trust"}
+    others = [word for word in rest if word.partition("=")[0] not in ("env", "trust")]
+    if others:
+        raise SealegsError(f"A sweep that goes on keeps what it sweeps, so {others[0]} cannot be given with resume.")
+    return code_of(rest, checked("trust", override({"trust": False}, trust)["trust"], bool))
 
 
 def sweep(request: SweepRequest) -> Path:
@@ -115,22 +115,26 @@ def sweep(request: SweepRequest) -> Path:
         SealegsError: wrong input, or every trial failed.
         Interrupted: the user stopped it; the message says how it goes on.
     """
-    folder = request.resume or _new_folder(request)
+    folder = (request.resume or _new_folder(request)).resolve()
     if not (folder / MARK).is_file():
         raise SealegsError(f"resume={folder} is not the folder of a sweep: it has no {MARK}.")
     locked = RunFolder(folder)
     try:
         asked = _stored(folder, request.sweep.trials)
+        plan = Plan(asked.arguments, request.code, str(folder / MARK))
+        plan.check()
         with workers_for(request.cluster, request.workers) as workers:
-            study = Study(folder, asked)
-            print(f"Sweeping {', '.join(study.space)}: {study.trials} trials, {workers.size} at a time, in {folder}")
+            study = Study(folder, plan, asked.trials)
+            print(f"Sweeping {', '.join(plan.space)}: {study.trials} trials, {workers.size} at a time, in {folder}")
             try:
                 study.run(workers)
             except KeyboardInterrupt:
                 raise Interrupted(
-                    f"Stopped; {study.finished()} trials are finished. Go on with: sealegs sweep resume={folder}"
+                    f"Stopped; {study.finished()} trials are finished. Go on with: {plan.command(folder)}"
                 ) from None
         print(study.write_table(), end="", flush=True)
+        if study.failed:
+            print(f"{len(study.failed)} failed; once that is mended, try again: {plan.command(folder)}", flush=True)
     finally:
         locked.close()
     if study.finished() == 0:
@@ -162,37 +166,54 @@ def _stored(folder: Path, trials: int | None) -> Sweep:
     return asked
 
 
+def _mended(journal: Path) -> Path:
+    """A journal without a last line that was cut off as the power failed; no reward that was told is in it."""
+    if journal.is_file():
+        with journal.open("r+b") as file:
+            file.truncate(file.read().rfind(b"\n") + 1)
+    return journal
+
+
 class Study:
     """The study of Optuna in a sweep's folder.
 
     Attributes:
-        space: what is swept.
         trials: how many there are to be.
+        failed: by the number of a trial, why it failed since the sweep was begun or gone on with.
     """
 
-    def __init__(self, folder: Path, asked: Sweep) -> None:
-        self._folder = folder.absolute()
-        self.space: Space
-        self.space, self._fixed = read_space(asked.arguments)
-        each = combinations(self.space) if asked.trials is None else None
-        self.trials = asked.trials or (TRIALS if each is None else len(each))
+    def __init__(self, folder: Path, plan: Plan, trials: int | None) -> None:
+        """The study in ``folder``, whose lock is held."""
+        self._folder, self._plan = folder, plan
+        self.failed: dict[int, str] = {}
+        each = combinations(plan.space) if trials is None else None
+        self.trials = trials or (TRIALS if each is None else len(each))
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        storage = JournalStorage(JournalFileBackend(str(folder / JOURNAL)))
-        known = [item.study_name for item in optuna.get_all_study_summaries(storage)]
+        storage = JournalStorage(JournalFileBackend(str(_mended(folder / JOURNAL))))
+        name = next((item.study_name for item in optuna.get_all_study_summaries(storage)), None)
         # with a seed of its own after each stop: the same one would draw again what it has drawn
-        count = len(optuna.load_study(study_name=folder.name, storage=storage).trials) if folder.name in known else 0
+        count = 0 if name is None else len(optuna.load_study(study_name=name, storage=storage).trials)
         self._study = optuna.create_study(
-            study_name=folder.name, storage=storage, direction="maximize", load_if_exists=True,
+            study_name=name or STUDY, storage=storage, direction="maximize", load_if_exists=True,
             sampler=optuna.samplers.TPESampler(seed=count, constant_liar=True),
         )  # fmt: skip
-        if each is not None and count == 0:
-            for values in each:
+        for item in self._all(TrialState.RUNNING):
+            if not plan.space.keys() <= item.params.keys():  # killed while it was drawn
+                self._study.tell(item.number, state=TrialState.FAIL)
+        known = [item.system_attrs.get("fixed_params") for item in self._study.trials if item.state != TrialState.FAIL]
+        for values in each or ():
+            if values not in known:
                 self._study.enqueue_trial(values)
 
     def run(self, workers: Workers) -> None:
-        """Train until all trials are done: first those that were running when the sweep was stopped."""
+        """Train until all trials are done: first those that have no reward from before.
+
+        Raises:
+            SealegsError: the machines stop a trial again and again.
+        """
         running: dict[Future[Result], Trial] = {}
         left = [self._trial(item) for item in self._all(TrialState.RUNNING)]
+        lost: Counter[int] = Counter()
         while True:
             while len(running) < workers.size and (trial := self._next(left)) is not None:
                 running[workers.submit(trial)] = trial
@@ -202,35 +223,44 @@ class Study:
             done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
                 trial = running.pop(future)
-                self._tell(trial, outcome(future, trial))
+                result = outcome(future, trial)
+                if result.lost:
+                    lost[trial.number] += 1
+                    if lost[trial.number] >= ATTEMPTS:
+                        raise SealegsError(
+                            f"{trial.folder.name} was stopped {ATTEMPTS} times: {result.lost} Go on with: "
+                            f"{self._plan.command(self._folder)}"
+                        )
+                    print(f"{trial.folder.name} is begun again: {result.lost}", flush=True)
+                    left.append(trial)
+                else:
+                    self._tell(trial, result)
             self.write_table()
 
     def _next(self, left: list[Trial]) -> Trial | None:
         """A trial to train: one that is left, or a new one; None: there are as many as there are to be."""
         if left:
             return left.pop(0)
-        done = [item for item in self._study.trials if item.state != TrialState.WAITING]
-        if len(done) >= self.trials:
+        if len(self._all(TrialState.RUNNING, TrialState.COMPLETE)) >= self.trials:
             return None
-        asked = self._study.ask(dict(self.space))
+        asked = self._study.ask(dict(self._plan.space))
         return self._trial(self._study.trials[asked.number])
 
     def _trial(self, item: FrozenTrial) -> Trial:
-        arguments = [*self._fixed, *as_arguments(self._values(item))]
-        if not any(word.startswith("video.seconds=") for word in arguments):
-            arguments.append(QUIET)
-        return Trial(item.number, tuple(arguments), self._folder)
+        arguments = self._plan.arguments(self._values(item))
+        task = next(iter(tasks_in(arguments)), None)
+        return Trial(item.number, tuple(arguments), self._folder, task, self._plan.code.trust)
 
     def _values(self, item: FrozenTrial) -> dict[str, Any]:
-        """Of a trial, in the order of the command line; of one killed while it was drawn, its first values."""
-        return {**first_values(self.space), **{key: item.params[key] for key in self.space if key in item.params}}
+        """Of a trial, in the order of the command line."""
+        return {key: item.params[key] for key in self._plan.space}
 
     def _tell(self, trial: Trial, result: Result) -> None:
         if result.reward is not None:
             self._study.tell(trial.number, result.reward)
             print(f"{trial.folder.name}: {result.reward:.4g}", flush=True)
-        elif result.error:
-            self._study.tell(trial.number, state=TrialState.FAIL)
+        else:
+            self.failed[trial.number] = result.error
             with trial.log.open("a", encoding="utf-8") as log:
                 log.write(f"{result.error}\n")
             print(f"{trial.folder.name} failed: {result.error}", flush=True)
@@ -248,17 +278,16 @@ class Study:
     def write_table(self) -> str:
         """Write ``trials.md``, and return it."""
         told = sorted(self._all(TrialState.COMPLETE), key=lambda item: -float(item.value or 0.0))
-        others = self._all(TrialState.FAIL, TrialState.RUNNING)
+        others = self._all(TrialState.RUNNING)
         rows = [(item, f"{item.value:.5g}") for item in told]
         rows += [
-            (item, f"failed: trial{item.number}.log" if item.state == TrialState.FAIL else "unfinished")
-            for item in others
+            (item, f"failed: trial{item.number}.log" if item.number in self.failed else "unfinished") for item in others
         ]
         lines = [
             f"# {self._folder.name}: {len(told)} of {self.trials} trials",
             "",
-            "| trial | mean reward | " + " | ".join(self.space) + " |",
-            "|---" * (len(self.space) + 2) + "|",
+            "| trial | mean reward | " + " | ".join(self._plan.space) + " |",
+            "|---" * (len(self._plan.space) + 2) + "|",
             *(f"| {item.number} | {said} | " + " | ".join(_cells(self._values(item))) + " |" for item, said in rows),
         ]
         if told:

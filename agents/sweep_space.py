@@ -11,11 +11,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, RangeSweep
+from hydra.core.override_parser.types import ChoiceSweep, IntervalSweep, QuotedString, RangeSweep
 from hydra.errors import HydraException
 
 from ..common.errors import SealegsError
 from ..common.extras import needed_for
+from .config import WORDS
 
 with needed_for("sealegs sweep"):
     from optuna.distributions import (
@@ -54,10 +55,14 @@ def _swept(key: str, value: str) -> BaseDistribution | None:
         if not parsed.is_sweep_override():
             return None
         found: Any = parsed.value()
+        if isinstance(found, ChoiceSweep | RangeSweep):
+            found.shuffle = False  # a sweep that goes on draws from the same
         texts = list(parsed.sweep_string_iterator()) if isinstance(found, ChoiceSweep | RangeSweep) else []
     except (HydraException, ValueError, RecursionError):
         return None  # train says what is wrong with it
     if isinstance(found, ChoiceSweep) and texts:
+        if key in WORDS:  # which a training takes as they are
+            texts = [_word(*pair) for pair in zip(found.list, texts, strict=True)]
         return CategoricalDistribution(texts)
     if isinstance(found, RangeSweep) and texts:
         whole = all(isinstance(number, int) for number in (found.start, found.stop, found.step))
@@ -75,6 +80,19 @@ def _swept(key: str, value: str) -> BaseDistribution | None:
         f"{key}={value} is no sweep that can be drawn from: give a,b,c, range(1,5), interval(0.9,0.99) or "
         "tag(log,interval(1e-4,1e-2)), from low to high."
     )
+
+
+def _word(item: Any, text: str) -> str:
+    return item.text if isinstance(item, QuotedString) else item if isinstance(item, str) else text
+
+
+def choices(key: str, value: str) -> list[str]:
+    """The words that a value of the command line stands for: those that are swept, or the one."""
+    found = _swept(key, value)
+    if isinstance(found, CategoricalDistribution):
+        return [str(word) for word in found.choices]
+    quoted = len(value) > 1 and value[0] == value[-1] and value[0] in "'\""
+    return [value[1:-1] if quoted else value]
 
 
 def combinations(space: Space) -> list[dict[str, Any]] | None:

@@ -11,10 +11,13 @@ import importlib
 import math
 import multiprocessing
 import os
+import platform
 import shutil
 import signal
+import sys
 import threading
 import time
+import traceback
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -22,12 +25,14 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol
 
+from ..common.bugs import told
 from ..common.documents import read_json
 from ..common.errors import SealegsError
 from ..common.extras import needed_for
 from ..common.plugins import environment
 from ..common.processes import cores, exit_with_parent
 from ..configs.script import Interrupted
+from .seeds import is_study
 
 MARK = "sweep.yaml"
 """By which a machine sees that it has the sweep's folder."""
@@ -39,11 +44,16 @@ ATTEMPTS = 3
 
 @dataclass(frozen=True)
 class Trial:
-    """One training: its number, the arguments of ``sealegs train``, and the sweep's folder."""
+    """One training: its number, the arguments of ``sealegs train``, the sweep's folder, and the code that may run.
+
+    ``task`` is its own task where that is a file's; ``trust`` is that of :class:`~.sweep_plan.Code`.
+    """
 
     number: int
     arguments: tuple[str, ...]
     sweep: Path
+    task: str | None = None
+    trust: bool = False
 
     @property
     def folder(self) -> Path:
@@ -58,11 +68,26 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """How a trial ended: the mean reward of its final policy, or a sentence why there is none; neither where it was
-    stopped."""
+    """How a trial ended: the mean reward of its final policy, a sentence why there is none, or what stopped it that is
+    not the trial's own: then it is to be begun again."""
 
     reward: float | None = None
     error: str = ""
+    lost: str = ""
+
+
+def attempt(trial: Trial) -> Result:
+    """:func:`learn`, where this machine has the sweep's folder; what it prints goes to the trial's file."""
+    if not (trial.sweep / MARK).is_file():
+        where = platform.node()
+        return Result(
+            lost=f"{trial.sweep} is not on {where}: share it, or give out=<a folder that all machines share>."
+        )
+    try:
+        with written_to(trial):
+            return learn(trial)
+    except Exception as error:  # this is the outermost place of a trial
+        return Result(error=f"A bug of sealegs ended {trial.folder}: {told(error)}; {trial.log} has the details.")
 
 
 def learn(trial: Trial) -> Result:
@@ -72,30 +97,27 @@ def learn(trial: Trial) -> Result:
 
     folder = trial.folder
     try:
-        if not (trial.sweep / MARK).is_file():
-            raise SealegsError(
-                f"{trial.sweep} is not on {os.uname().nodename}: give out=<a folder that all machines share>."
-            )
         if (found := reward_of(folder)) is None:
             if begun(folder):
-                arguments = [f"resume={folder}"]
+                task = [] if trial.task is None else [f"env={trial.task}"]
+                arguments = [f"resume={folder}", *task, *(["trust=true"] if trial.trust else [])]
             else:
                 shutil.rmtree(folder, ignore_errors=True)  # of a start that was killed before its config was written
                 arguments = [*trial.arguments, f"out={trial.sweep}", f"name={folder.name}"]
-            train(read_config(arguments))
+            train(read_config(arguments, trial.trust))
             found = reward_of(folder)
         if found is None or not math.isfinite(found):
             raise SealegsError(f"{folder} ended without a reward.")
         return Result(found)
     except Interrupted:
-        return Result()
+        return Result(lost=f"{folder} was told to stop.")
     except SealegsError as error:
         return Result(error=str(error))
 
 
 def begun(folder: Path) -> bool:
     """Whether a trial can go on."""
-    return (folder / "config.yaml").is_file() or (folder / "seeds.yaml").is_file()
+    return (folder / "config.yaml").is_file() or is_study(folder)
 
 
 def reward_of(folder: Path) -> float | None:
@@ -131,7 +153,9 @@ class Local:
         self.size = size
         self._threads = ThreadPoolExecutor(size)
         self._running: set[Any] = set()
-        self._stopping = threading.Event()
+        self._stopping = False
+        self._lock = threading.Lock()
+        """Held while a process is begun: one begins before a stop, and is stopped, or never."""
 
     def submit(self, trial: Trial) -> Future[Result]:
         """See :class:`Workers`."""
@@ -141,12 +165,13 @@ class Local:
         context = multiprocessing.get_context("spawn")
         code: int | None = None
         for _ in range(ATTEMPTS):
-            if self._stopping.is_set():
-                return Result()
             ours, theirs = context.Pipe(duplex=False)
             process = context.Process(target=_work, args=(trial, theirs))
-            process.start()
-            self._running.add(process)
+            with self._lock:
+                if self._stopping:
+                    break
+                process.start()
+                self._running.add(process)
             theirs.close()
             try:
                 return ours.recv()
@@ -159,14 +184,15 @@ class Local:
                 process.join()
                 self._running.discard(process)
                 ours.close()
-        if self._stopping.is_set():
-            return Result()
+        if self._stopping:
+            return Result(lost="The sweep was stopped.")
         why = f"by {signal.Signals(-code).name}" if code is not None and code < 0 else f"with status {code}"
         return Result(error=f"{trial.folder}: its process ended {why}; see {trial.log}.")
 
     def stop(self) -> None:
         """Have running trials write a checkpoint and end."""
-        self._stopping.set()
+        with self._lock:
+            self._stopping = True
         for process in list(self._running):
             process.terminate()
         end = time.monotonic() + STOPPING_SECONDS
@@ -182,8 +208,7 @@ def _work(trial: Trial, connection: Connection) -> None:
     if hasattr(os, "setsid"):
         os.setsid()  # Ctrl-C is the parent's to handle
     exit_with_parent()
-    with written_to(trial):
-        connection.send(learn(trial))
+    connection.send(attempt(trial))
 
 
 @contextlib.contextmanager
@@ -195,7 +220,12 @@ def written_to(trial: Trial) -> Iterator[None]:
         os.dup2(log.fileno(), 2)
         try:
             yield
+        except Exception:
+            traceback.print_exc()
+            raise
         finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
             for number, copy in enumerate(kept, 1):
                 os.dup2(copy, number)
                 os.close(copy)
@@ -241,8 +271,7 @@ def learn_elsewhere(trial: Trial) -> Result:
     """A trial in a task of Ray; the process of a machine that was lost may hold its folder for a moment."""
     end = time.monotonic() + LOCKED_SECONDS
     while True:
-        with written_to(trial):
-            result = learn(trial)
+        result = attempt(trial)
         if "Another process is training" not in result.error or time.monotonic() > end:
             return result
         time.sleep(1.0)
@@ -269,4 +298,5 @@ def outcome(future: Future[Result], trial: Trial) -> Result:
     except Exception as error:
         if type(error).__module__.partition(".")[0] != "ray":
             raise
-        return Result(error=f"{trial.folder}: Ray could not run it: {str(error).strip().splitlines()[0]}")
+        said = str(error).strip().splitlines() or [type(error).__name__]  # after the traceback of the machine
+        return Result(error=f"{trial.folder}: Ray could not run it: {said[-1]}")

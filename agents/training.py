@@ -77,7 +77,7 @@ def train(request: Request) -> Path:
     run, task = session.run, _own_task(request.config)
     if request.seeds:
         run.close()
-        return _train_seeds(replace(request, task=task), run.path.parent)
+        return _train_seeds(replace(request, task=task, trust=True), run.path.parent)  # its code was named just now
     with contextlib.closing(run), _disk_errors(run, task):
         session.learn()
     return run.path
