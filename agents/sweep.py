@@ -23,10 +23,10 @@ import yaml
 
 from ..common.atomic import write_text
 from ..common.documents import read_mapping
-from ..common.errors import SealegsError
+from ..common.errors import SealegsError, closest
 from ..common.extras import needed_for
 from ..configs.check import Count, checked, or_null
-from ..configs.compose import compose, override, split
+from ..configs.compose import FOLDER, compose, groups, override, split
 from ..configs.script import Interrupted
 from .run_folder import RunFolder
 from .sweep_plan import Code, Plan, code_of, rooted, tasks_in
@@ -88,15 +88,26 @@ def read_sweep(arguments: Sequence[str]) -> SweepRequest:
         raise SealegsError(f"cluster={cluster} is not known: give cluster=ray, or leave it out.")
     name, resume = checked("name", own["name"], str | int | None), checked("resume", own["resume"], str | None)
     if resume is None:
+        _hint(pairs)
         rest = rooted(rest)
         code = Code(tuple(tasks_in(rest)), trust=True)
         Plan(rest, code, "The sweep").check()
     else:
-        code, rest = _code_again(rest), []
+        if not resume:
+            raise SealegsError("resume= names no folder: give that of a sweep, resume=<folder>.")
+        code, rest = _code_again([*rest, *(f"{key}={pairs[key]}" for key in ("name", "out") if key in pairs)]), []
     return SweepRequest(
         Sweep(tuple(rest), trials), code, Path(checked("out", own["out"], str)), None if name is None else str(name),
         None if resume is None else Path(resume), checked("workers", own["workers"], or_null(Count)), cluster,
     )  # fmt: skip
+
+
+def _hint(pairs: Mapping[str, str]) -> None:
+    """Refuse a key that is none of a training and nearly one of a sweep."""
+    known = {*OWN, *groups("train"), *read_mapping(FOLDER / "train.yaml")}
+    for key in pairs:
+        if "." not in key and key not in known and (meant := closest(key, OWN)):
+            raise SealegsError(f"There is no key '{key}' (did you mean '{meant}'?); --help lists the keys.")
 
 
 def _code_again(rest: Sequence[str]) -> Code:
@@ -112,12 +123,10 @@ def sweep(request: SweepRequest) -> Path:
     """Begin a sweep, or go on with one, to its end; its folder.
 
     Raises:
-        SealegsError: wrong input, or every trial failed.
+        SealegsError: wrong input, or a trial failed.
         Interrupted: the user stopped it; the message says how it goes on.
     """
-    folder = (request.resume or _new_folder(request)).resolve()
-    if not (folder / MARK).is_file():
-        raise SealegsError(f"resume={folder} is not the folder of a sweep: it has no {MARK}.")
+    folder = _new_folder(request) if request.resume is None else _there(request.resume)
     locked = RunFolder(folder)
     try:
         asked = _stored(folder, request.sweep.trials)
@@ -129,17 +138,27 @@ def sweep(request: SweepRequest) -> Path:
             try:
                 study.run(workers)
             except KeyboardInterrupt:
-                raise Interrupted(
-                    f"Stopped; {study.finished()} trials are finished. Go on with: {plan.command(folder)}"
-                ) from None
+                done = f"{study.finished()} of {study.trials} trials are finished"
+                raise Interrupted(f"Stopped; {done}. Go on with: {plan.command(folder)}") from None
         print(study.write_table(), end="", flush=True)
-        if study.failed:
-            print(f"{len(study.failed)} failed; once that is mended, try again: {plan.command(folder)}", flush=True)
     finally:
         locked.close()
-    if study.finished() == 0:
-        raise SealegsError(f"No trial of {folder} has a reward; {folder / TABLE} says why.")
+    if study.failed:
+        raise SealegsError(
+            f"{len(study.failed)} of {study.trials} trials failed; {folder / TABLE} says which. Once that is mended, "
+            f"try them again: {plan.command(folder)}"
+        )
     return folder
+
+
+def _there(folder: Path) -> Path:
+    """The folder of a sweep, by its own path."""
+    if not (folder / MARK).is_file():
+        beside = sorted(mark.parent.name for mark in folder.parent.glob(f"*/{MARK}"))[-5:]
+        there = f"; {folder.parent} has {', '.join(beside)}" if beside else ""
+        what = f"is not the folder of a sweep: it has no {MARK}" if folder.is_dir() else "does not exist"
+        raise SealegsError(f"resume={folder} {what}{there}.")
+    return folder.resolve()
 
 
 def _new_folder(request: SweepRequest) -> Path:
@@ -186,8 +205,6 @@ class Study:
         """The study in ``folder``, whose lock is held."""
         self._folder, self._plan = folder, plan
         self.failed: dict[int, str] = {}
-        each = combinations(plan.space) if trials is None else None
-        self.trials = trials or (TRIALS if each is None else len(each))
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         storage = JournalStorage(JournalFileBackend(str(_mended(folder / JOURNAL))))
         name = next((item.study_name for item in optuna.get_all_study_summaries(storage)), None)
@@ -200,10 +217,18 @@ class Study:
         for item in self._all(TrialState.RUNNING):
             if not plan.space.keys() <= item.params.keys():  # killed while it was drawn
                 self._study.tell(item.number, state=TrialState.FAIL)
-        known = [item.system_attrs.get("fixed_params") for item in self._study.trials if item.state != TrialState.FAIL]
-        for values in each or ():
-            if values not in known:
+        begun = self._all(TrialState.RUNNING, TrialState.COMPLETE)
+        self.trials = max(trials or TRIALS, len(begun))
+        if (each := combinations(plan.space, trials)) is not None:
+            known = [*begun, *self._all(TrialState.WAITING)]
+            told = [as_arguments(self._values(item)) for item in known]
+            missing = [values for values in each if as_arguments(values) not in told]
+            for values in missing:
                 self._study.enqueue_trial(values)
+            self.trials = len(known) + len(missing)
+        if trials is not None and trials != self.trials:
+            why = "are all combinations" if trials > self.trials else "are there already"
+            print(f"trials={trials}: {self.trials} {why}.", flush=True)
 
     def run(self, workers: Workers) -> None:
         """Train until all trials are done: first those that have no reward from before.
@@ -252,8 +277,9 @@ class Study:
         return Trial(item.number, tuple(arguments), self._folder, task, self._plan.code.trust)
 
     def _values(self, item: FrozenTrial) -> dict[str, Any]:
-        """Of a trial, in the order of the command line."""
-        return {key: item.params[key] for key in self._plan.space}
+        """Of a trial, in the order of the command line; of one that waits, those that it will have."""
+        values = item.params or item.system_attrs["fixed_params"]
+        return {key: values[key] for key in self._plan.space}
 
     def _tell(self, trial: Trial, result: Result) -> None:
         if result.reward is not None:

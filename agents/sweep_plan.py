@@ -18,7 +18,7 @@ from ..common.errors import SealegsError
 from ..envs.any_robot.user import absolute, is_user_task, trained_in
 from .algorithms import foreign
 from .config import read_config
-from .sweep_space import Space, as_arguments, choices, first_values, read_space
+from .sweep_space import Space, as_arguments, choices, each_value, read_space, refuse_unread
 
 QUIET = "video.seconds=0"
 FILES, FOLDERS = ("actuator", "hyperparams", "robot"), ("extended", "from", "randomization")
@@ -55,6 +55,7 @@ class Plan:
         self.space: Space
         self.space, self._fixed = read_space(arguments)
         if not self.space:
+            refuse_unread(self._fixed)
             raise SealegsError("Nothing is swept: give a key several values, such as agent.gamma=0.9,0.95.")
         self.code = code
         self._tasks = _named(tasks_in(arguments), code.tasks, where)
@@ -66,8 +67,14 @@ class Plan:
         Raises:
             SealegsError: it does not, or it would run code that nobody trusts.
         """
-        config = read_config(self.arguments(first_values(self.space)), self.code.trust).config
-        self._foreign = config is not None and bool(foreign(config.agent))
+        for values in each_value(self.space):
+            try:
+                config = read_config(self.arguments(values), self.code.trust).config
+            except SealegsError as error:
+                broken = [key for key, value in values.items() if isinstance(value, float) and not value.is_integer()]
+                hint = " Whole numbers are swept by int(interval(a,b))." if "whole number" in str(error) else ""
+                raise SealegsError(f"{error}{hint if broken else ''}") from None
+            self._foreign |= config is not None and bool(foreign(config.agent))
 
     def arguments(self, values: Mapping[str, Any]) -> list[str]:
         """Of the training with these values."""

@@ -28,6 +28,7 @@ with needed_for("sealegs sweep"):
 
 Space = Mapping[str, BaseDistribution]
 """What each swept key is drawn from."""
+GRAMMAR = "give a,b,c, range(1,5), interval(0.9,0.99) or tag(log,interval(1e-4,1e-2))"
 
 
 def read_space(arguments: Sequence[str]) -> tuple[dict[str, BaseDistribution], list[str]]:
@@ -63,7 +64,7 @@ def _swept(key: str, value: str) -> BaseDistribution | None:
     if isinstance(found, ChoiceSweep) and texts:
         if key in WORDS:  # which a training takes as they are
             texts = [_word(*pair) for pair in zip(found.list, texts, strict=True)]
-        return CategoricalDistribution(texts)
+        return CategoricalDistribution(list(dict.fromkeys(texts)))
     if isinstance(found, RangeSweep) and texts:
         whole = all(isinstance(number, int) for number in (found.start, found.stop, found.step))
         numbers = sorted(map(int if whole else float, texts))
@@ -76,10 +77,23 @@ def _swept(key: str, value: str) -> BaseDistribution | None:
         logarithmic = "log" in found.tags
         if found.start < found.end and not (logarithmic and found.start <= 0):
             return kind(found.start, found.end, log=logarithmic)
-    raise SealegsError(
-        f"{key}={value} is no sweep that can be drawn from: give a,b,c, range(1,5), interval(0.9,0.99) or "
-        "tag(log,interval(1e-4,1e-2)), from low to high."
-    )
+    raise SealegsError(f"{key}={value} is no sweep that can be drawn from: {GRAMMAR}, from low to high.")
+
+
+def refuse_unread(arguments: Sequence[str]) -> None:
+    """Refuse a value that was perhaps meant to be several.
+
+    Raises:
+        SealegsError: one cannot be read.
+    """
+    for argument in arguments:
+        key, _, value = (part.strip() for part in argument.partition("="))
+        if key in WORDS or value[:1] in ("[", "{"):  # which are read otherwise
+            continue
+        try:
+            OverridesParser.create().parse_override(f"{key}={value}")
+        except (HydraException, ValueError, RecursionError):
+            raise SealegsError(f"{key}={value} cannot be read: {GRAMMAR}, or one value.") from None
 
 
 def _word(item: Any, text: str) -> str:
@@ -95,10 +109,12 @@ def choices(key: str, value: str) -> list[str]:
     return [value[1:-1] if quoted else value]
 
 
-def combinations(space: Space) -> list[dict[str, Any]] | None:
-    """Each combination of values once; None where an interval leaves no end of them."""
+def combinations(space: Space, most: int | None = None) -> list[dict[str, Any]] | None:
+    """Each combination of values once; None where there are more than ``most``, or no end of them."""
     values = [_values(distribution) for distribution in space.values()]
     if any(row is None for row in values):
+        return None
+    if most is not None and math.prod(len(row) for row in values if row is not None) > most:
         return None
     rows = itertools.product(*(row for row in values if row is not None))
     return [dict(zip(space, row, strict=True)) for row in rows]
@@ -116,12 +132,28 @@ def _values(distribution: BaseDistribution) -> list[Any] | None:
 
 
 def first_values(space: Space) -> dict[str, Any]:
-    """One value of each key, to see whether a training takes it."""
+    """One value of each key."""
     return {key: next(_some(distribution)) for key, distribution in space.items()}
 
 
+def each_value(space: Space) -> Iterator[dict[str, Any]]:
+    """Each value of each key once, with the first one of the other keys; of an interval some of its values."""
+    first = first_values(space)
+    yield first
+    for key, distribution in space.items():
+        for value in itertools.islice(_some(distribution), 1, None):
+            yield {**first, key: value}
+
+
 def _some(distribution: Any) -> Iterator[Any]:
-    yield from distribution.choices if isinstance(distribution, CategoricalDistribution) else (distribution.low,)
+    """All values of a list; both ends of an interval, and one between that is no whole number where it may be none."""
+    if isinstance(distribution, CategoricalDistribution):
+        yield from distribution.choices
+    else:
+        yield distribution.low
+        yield distribution.high
+        if isinstance(distribution, FloatDistribution) and distribution.step is None:
+            yield distribution.low + (distribution.high - distribution.low) / math.pi
 
 
 def as_arguments(values: Mapping[str, Any]) -> list[str]:

@@ -61,7 +61,16 @@ def test_an_interval_has_no_end_of_combinations_and_may_be_logarithmic() -> None
         (["env=bench", "agent.gamma=0.9,0.95", "trials=0"], "trials must be at least 1"),
         (["env=bench", "agent.gamma=0.9,0.95", "cluster=slurm"], "give cluster=ray"),
         (["resume=runs/none", "agent.gamma=0.9"], "keeps what it sweeps"),
-        (["resume=runs/none"], "is not the folder of a sweep"),
+        (["resume=runs/none"], "resume=runs/none does not exist"),
+        (["resume=actuators"], "is not the folder of a sweep"),
+        (["resume="], "names no folder"),
+        (["resume=runs/none", "name=other"], "name=other cannot be given with resume"),
+        (["env=bench", "agent.gamma=interval(0.9,0.99"], "agent.gamma=interval(0.9,0.99 cannot be read"),
+        (["env=bench", "agent.gamma=choice()"], "agent.gamma=choice() cannot be read"),
+        (["env=bench", "agent.gamma=0.9,0.95", "trial=3"], "did you mean 'trials'"),
+        (["env=bench", "agent=ppo,foo"], "agent=foo is not known"),
+        (["env=bench", "agent.n_steps=32,abc"], "agent.n_steps takes a whole number"),
+        (["env=bench", "agent.n_steps=interval(32,64)"], "int(interval(a,b))"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_one_sentence(
@@ -96,7 +105,7 @@ def test_each_combination_is_trained_once_and_the_best_comes_first(
 
 @pytest.mark.long
 def test_a_trial_that_fails_is_told_and_the_others_go_on(tmp_path: Path) -> None:
-    assert run(*SHORT, "agent.learning_rate=1e-3,1e30", "workers=1", f"out={tmp_path}", "name=mine") == 0
+    assert run(*SHORT, "agent.learning_rate=1e-3,1e30", "workers=1", f"out={tmp_path}", "name=mine") == 2
     table = (tmp_path / "mine" / "trials.md").read_text()
     assert "1 of 2 trials" in table and "failed: trial1.log" in table
     assert (tmp_path / "mine" / "trial1.log").read_text().strip()

@@ -108,7 +108,8 @@ def swept(trials: Sequence[Trial], key: str = "agent.gamma") -> list[str]:
 def test_a_sweep_goes_on_in_a_folder_that_was_moved_or_is_the_current_one(
     go: Go, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    go(lambda trial: good(trial) if trial.number == 0 else killed(trial), *GRID, f"out={tmp_path}", "name=mine")
+    words = ("env=bench", "agent.gamma=interval(0.9,0.95)", "trials=2")
+    go(lambda trial: good(trial) if trial.number == 0 else killed(trial), *words, f"out={tmp_path}", "name=mine")
     moved = (tmp_path / "mine").rename(tmp_path / "elsewhere")
     (tmp_path / "link").symlink_to(moved)
     monkeypatch.chdir(moved)
@@ -124,10 +125,22 @@ def test_a_failed_trial_is_tried_again_where_the_sweep_goes_on(
     assert go(lambda _: Result(error="The disk is full."), *GRID, f"out={tmp_path}", "name=mine")[0] == 2
     folder = tmp_path / "mine"
     assert "failed: trial1.log" in (folder / TABLE).read_text() and "disk" in (folder / "trial1.log").read_text()
-    assert f"2 failed; once that is mended, try again: sealegs sweep resume={folder}" in capsys.readouterr().out
+    said = capsys.readouterr().err
+    assert "2 of 2 trials failed" in said and said.endswith(f"sealegs sweep resume={folder}\n")
     status, asked = go(good, f"resume={folder}")
     assert status == 0 and swept(asked) == ["0.9", "0.95"]
     assert "2 of 2 trials" in (folder / TABLE).read_text()
+
+
+def test_no_combination_is_trained_twice_however_many_trials_are_asked_for(
+    go: Go, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("env=bench", "agent.gamma=0.9,0.95,0.9", f"out={tmp_path}", "name=mine")
+    assert swept(go(good, *words)[1]) == ["0.9", "0.95"]
+    assert go(good, f"resume={tmp_path / 'mine'}", "trials=5") == (0, [])
+    assert "trials=5: 2 are all combinations." in capsys.readouterr().out
+    assert go(good, f"resume={tmp_path / 'mine'}", "trials=1") == (0, [])
+    assert "trials=1: 2 are there already." in capsys.readouterr().out
 
 
 def test_a_trial_that_its_machine_stopped_is_begun_again_but_not_without_end(
@@ -269,11 +282,10 @@ def test_paths_of_a_sweep_mean_the_same_files_from_any_folder(
     for name in ("one.yaml", "it's two.yaml"):
         shutil.copy(Path(module.__file__).parents[1] / "configs" / "actuator" / "sts3215.yaml", tmp_path / name)
     monkeypatch.chdir(tmp_path)
-    assert go(good, "env=bench", """actuator=one.yaml,"it's two.yaml",ideal""", "name=mine", "out=.")[0] == 0
+    assert go(killed, "env=bench", """actuator=one.yaml,"it's two.yaml",ideal""", "name=mine", "out=.")[0] == 130
     monkeypatch.chdir("/")
-    _, asked = go(good, f"resume={tmp_path / 'mine'}", "trials=6")
-    words = {f"{tmp_path}/one.yaml", f"{tmp_path}/it's two.yaml", "ideal"}
-    assert len(asked) == 3 and set(swept(asked, "actuator")) <= words
+    _, asked = go(good, f"resume={tmp_path / 'mine'}")
+    assert swept(asked, "actuator") == [f"{tmp_path}/one.yaml", f"{tmp_path}/it's two.yaml", "ideal"]
     for trial in asked:
         read_config(trial.arguments)
 
