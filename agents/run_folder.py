@@ -47,6 +47,10 @@ except ImportError:  # Windows has no such lock
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+class Busy(SealegsError):
+    """Another process trains in the folder."""
+
+
 class RunFolder:
     """Folder of a run, locked while a process trains in it.
 
@@ -61,7 +65,7 @@ class RunFolder:
             try:
                 fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
-                raise SealegsError(f"Another process is training in {path}: wait for it, or stop it.") from error
+                raise Busy(f"Another process is training in {path}: wait for it, or stop it.") from error
         for folder in (path, path / "checkpoints"):
             finish_replacements(folder)
 

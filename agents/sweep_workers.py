@@ -32,6 +32,7 @@ from ..common.extras import needed_for
 from ..common.plugins import environment
 from ..common.processes import cores, exit_with_parent
 from ..configs.script import Interrupted
+from .run_folder import Busy
 from .seeds import is_study
 
 MARK = "sweep.yaml"
@@ -74,6 +75,8 @@ class Result:
     reward: float | None = None
     error: str = ""
     lost: str = ""
+    busy: bool = False
+    """Whether the error is that another process still trains the trial."""
 
 
 def attempt(trial: Trial) -> Result:
@@ -112,7 +115,7 @@ def learn(trial: Trial) -> Result:
     except Interrupted:
         return Result(lost=f"{folder} was told to stop.")
     except SealegsError as error:
-        return Result(error=str(error))
+        return Result(error=str(error), busy=isinstance(error, Busy))
 
 
 def begun(folder: Path) -> bool:
@@ -272,7 +275,7 @@ def learn_elsewhere(trial: Trial) -> Result:
     end = time.monotonic() + LOCKED_SECONDS
     while True:
         result = attempt(trial)
-        if "Another process is training" not in result.error or time.monotonic() > end:
+        if not result.busy or time.monotonic() > end:
             return result
         time.sleep(1.0)
 

@@ -12,17 +12,16 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from typing import Any
 
 import numpy as np
 from sealegs.agents.policy_files import load_policy
-from sealegs.envs.hexapod.env import TOUCH, HexapodTask
+from sealegs.envs.hexapod.env import TOUCH
 from sealegs.envs.hexapod.gait import MODULATED
 from sealegs.envs.hexapod.parameters import LEGS
 from sealegs.envs.hexapod.robot import foot
 
 from benchmarks import study
-from benchmarks.learned_hexapod import Act, Moved, walked
+from benchmarks.learned_hexapod import Act, Moved, unchanged, walked
 from benchmarks.policies_on_the_bus import POLICIES
 from benchmarks.speed import RESULTS
 
@@ -81,10 +80,7 @@ def measure(name: str) -> dict[str, float]:
     """Figures of the reference gait, or of a policy."""
     seed = name.removesuffix(HIGHER)
     act, description = load_policy(POLICIES / "hexapod" / ("seed0" if seed == REFERENCE else seed))
-    chosen: Any = held(act) if name.endswith(HIGHER) else act
-    if seed == REFERENCE:
-        still = np.zeros((1, len(HexapodTask().action_names())))
-        chosen = lambda seen: still  # noqa: E731
+    chosen: Act = held(act) if name.endswith(HIGHER) else unchanged if seed == REFERENCE else act
     feet = Feet()
     found = walked(
         description["env"], description["actuators"], chosen, starts=1, window=WINDOW, seed=SEED, watch=feet

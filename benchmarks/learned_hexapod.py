@@ -35,7 +35,7 @@ MOST = 0.8
 def reference() -> dict[str, float]:
     """Figures of the reference gait, and the reward of an episode as in training."""
     config = asked(TRAINING)
-    walk = config.env, config.actuator, _reference
+    walk = config.env, config.actuator, unchanged
     return _figures(*walk, SPEED) | {"reward": _reward(*walk)}
 
 
@@ -74,7 +74,7 @@ def bars(rows: Sequence[dict[str, float]], reference: dict[str, float]) -> list[
     ]
 
 
-def _reference(observation: np.ndarray) -> np.ndarray:
+def unchanged(observation: np.ndarray) -> np.ndarray:
     return np.zeros((len(observation), len(HexapodTask().action_names())))
 
 

@@ -16,16 +16,13 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 from sealegs.actuators import load_chain
 from sealegs.agents.policy_files import load_policy
 from sealegs.common.atomic import write_text
@@ -45,22 +42,14 @@ from benchmarks.learned_hexapod import walked
 from benchmarks.learned_leg import foot_errors
 from benchmarks.policies_on_the_bus import POLICIES
 from benchmarks.speed import RESULTS
+from benchmarks.verdicts import BETTER, LEAST_POLICIES, RULE, UNJUDGED, WORSE, Estimate, beside, estimate, over, short
 
 FILE = RESULTS / "policy_matrix.jsonl"
 SEED, SEARCH_SEED = 40_000, 60_000  # of the starts that are judged, and of those on which a constant is chosen
 EPISODE = ENVIRONMENTS["Hopper"]  # control steps
 SECONDS = 15.0  # of walking and of hopping
 WINDOW = 12.0  # [s] of the hexapod's way, two cycles of its gait, after as many
-LEAST_POLICIES = 3  # from which they stand for others of their training; assumed, as two tell little of a spread
-LEAST_STARTS = 6  # the same of starts; assumed, as 5 differences have one sign by chance in 2 of 32, over 5 %
-SURE = 0.95  # of an interval, and of a verdict
 REFERENCE, CONSTANT = "reference", "constant"
-BETTER, WORSE, ALIKE, UNJUDGED = "better", "**worse**", "alike", "not judged"
-RULE = (
-    f"Intervals of {100 * SURE:g} % and verdicts are by Student's t of the means of policies and of starts: over "
-    f"policies where there are {LEAST_POLICIES} or more, else of these policies alone, each with its own value; over "
-    f"starts where there are {LEAST_STARTS} or more, else from these starts alone. Below both nothing is judged."
-)
 Act = Callable[[np.ndarray], np.ndarray]
 Seeds = int | Sequence[int]
 Scores = tuple[np.ndarray, np.ndarray]
@@ -221,7 +210,7 @@ def read() -> dict[tuple[str, str, str], dict[str, Any]]:
 
 def digest(name: str, actor: str) -> str:
     """Of the policies that a row rests on: its own, all of a constant, and the one whose robot a reference has."""
-    seeds = {REFERENCE: ["seed0"], CONSTANT: actors(name)[:-2]}.get(actor, [actor])
+    seeds = {REFERENCE: ["seed0"], CONSTANT: seeds_of(name)}.get(actor, [actor])
     files = (POLICIES / name / seed / file for seed in seeds for file in ("policy.json", "policy.safetensors"))
     return hashlib.sha256(b"".join(hashlib.sha256(file.read_bytes()).digest() for file in files)).hexdigest()[:16]
 
@@ -233,10 +222,14 @@ def keep(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> None:
     write_text(FILE, "".join(json.dumps(row) + "\n" for row in listed), replace=True)
 
 
+def seeds_of(name: str) -> list[str]:
+    """Committed policies of a task."""
+    return sorted(path.parent.name for path in POLICIES.glob(f"{name}/seed*/policy.json"))
+
+
 def actors(name: str) -> list[str]:
     """Committed policies of a task, then what they are compared with."""
-    seeds = sorted(path.parent.name for path in POLICIES.glob(f"{name}/seed*/policy.json"))
-    return [*seeds, REFERENCE, CONSTANT]
+    return [*seeds_of(name), REFERENCE, CONSTANT]
 
 
 def measure(name: str, model: str, actor: str, rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> dict[str, Any]:
@@ -253,7 +246,7 @@ def measure(name: str, model: str, actor: str, rows: Mapping[tuple[str, str, str
         still = np.zeros(description["action"]["shape"])
         act = bang_bang(description, felt) if name == "hopper" else constant(still)
     elif actor == CONSTANT:
-        means = [rows[name, task.models[0], seed]["mean_action"] for seed in actors(name)[:-2]]
+        means = [rows[name, task.models[0], seed]["mean_action"] for seed in seeds_of(name)]
         known = np.array([np.zeros_like(means[0]), *means])
         best = best_constant(task, env, chain, known)
         row["action"] = np.round(best, 6).tolist()
@@ -267,65 +260,6 @@ def measure(name: str, model: str, actor: str, rows: Mapping[tuple[str, str, str
 
 
 # --- what they come to ------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A mean, and its interval of :data:`SURE`; NaN: of too few."""
-
-    mean: float
-    low: float = math.nan
-    high: float = math.nan
-
-    def __str__(self) -> str:
-        """As a page has it."""
-        return short(self) + ("" if math.isnan(self.low) else f" ({self.low:.3g} to {self.high:.3g})")
-
-
-def short(*estimates: Estimate) -> str:
-    """Means alone."""
-    return ", ".join(f"{item.mean:.3g}" for item in estimates)
-
-
-def estimate(values: np.ndarray) -> Estimate:
-    """Of values (policies, starts), as :data:`RULE` says.
-
-    Both spreads count where both are of enough. What is of one policy at one start is then in both, which errs on the
-    side of a wide interval.
-    """
-    mean, parts = float(values.mean()), []
-    for axis, least in ((1, LEAST_POLICIES), (0, LEAST_STARTS)):
-        means = values.mean(axis=axis)
-        if len(means) >= least:
-            parts.append((float(means.var(ddof=1)) / len(means), len(means) - 1))
-    if not parts:
-        return Estimate(mean)
-    variance = sum(part for part, _ in parts)
-    within = sum(part**2 / freedom for part, freedom in parts)
-    freedom = variance**2 / within if within else 1.0  # Welch and Satterthwaite
-    half = float(student.ppf(0.5 + 0.5 * SURE, freedom)) * math.sqrt(variance)
-    return Estimate(mean, mean - half, mean + half)
-
-
-def beside(own: np.ndarray, other: np.ndarray | None, more: bool) -> str:
-    """Whether policies (p, n) surely do better or worse than another (n,) from the same starts."""
-    if other is None:
-        return ""
-    gain = estimate((own - other) * (1.0 if more else -1.0))
-    if math.isnan(gain.low):
-        return UNJUDGED
-    return BETTER if gain.low > 0.0 else WORSE if gain.high < 0.0 else ALIKE
-
-
-def over(policies: int, starts: int) -> str:
-    """What intervals and verdicts of a task are over."""
-    many = policies >= LEAST_POLICIES, starts >= LEAST_STARTS
-    return {
-        (True, True): "over policies and starts",
-        (True, False): "over policies, from these starts alone",
-        (False, True): "over starts, of these policies alone",
-        (False, False): "none, of too few policies and starts",
-    }[many]
 
 
 @dataclass(frozen=True)
@@ -387,7 +321,7 @@ def cells(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> list[Cell]:
 
 def tried(name: str) -> int:
     """Constant actions that are tried: 0, the mean of each policy, and those drawn."""
-    return 1 + len(actors(name)[:-2]) + TASKS[name].drawn
+    return 1 + len(seeds_of(name)) + TASKS[name].drawn
 
 
 def counts(verdicts: Sequence[str]) -> str:
@@ -414,7 +348,7 @@ def counted(found: Sequence[Cell], names: Mapping[str, str]) -> list[tuple[str, 
         others = [item for model, item in of.items() if model != task.models[0]]
         least = sorted(others, key=lambda item: item.mean, reverse=not task.more)[:1]
         lines.append((
-            names.get(name, name), str(len(actors(name)[:-2])), str(task.starts), task.said,
+            names.get(name, name), str(len(seeds_of(name))), str(task.starts), task.said,
             short(*of[task.models[0]].policies),
             "".join(f"{short(*item.policies)} on `{item.model}`" for item in least), str(len(of)),
             counts([item.against_reference for item in of.values()]),
@@ -441,7 +375,7 @@ def falls(found: Sequence[Cell]) -> list[str]:
 
 def page(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
     """The results as a page of Markdown."""
-    whole = {name: [item for item in cells(rows) if item.task == name] for name in TASKS}
+    found = cells(rows)
     lines = [
         "# Committed policies on every actuator model of their robot",
         "",
@@ -452,16 +386,16 @@ def page(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
         "",
         f"| {' | '.join(HEADS)} |",
         "|---" * len(HEADS) + "|",
-        *(f"| {' | '.join(line)} |" for line in counted(cells(rows), {})),
+        *(f"| {' | '.join(line)} |" for line in counted(found, {})),
     ]
-    for name, of in whole.items():
-        task = TASKS[name]
+    for name, task in TASKS.items():
+        of = [item for item in found if item.task == name]
         lines += [
             "",
             f"## {name}",
             "",
             f"{task.said[0].upper()}{task.said[1:]}; {'more' if task.more else 'less'} is better. "
-            f"Intervals and verdicts: {over(len(actors(name)[:-2]), task.starts)}.",
+            f"Intervals and verdicts: {over(len(seeds_of(name)), task.starts)}.",
             "",
             f"| model | reference | best of {tried(name)} constant actions | policies | falls | to the reference "
             "| to the constant |",
@@ -493,7 +427,7 @@ def main() -> None:
         scores = rows[key]["scores"]
         mean = "-" if scores is None else f"{np.mean(scores):.4g}"
         print(f"{', '.join(key)}: {mean} ({time.monotonic() - begun:.0f} s)", flush=True)
-    Path(FILE).with_suffix(".md").write_text(page(rows), encoding="utf-8")
+    FILE.with_suffix(".md").write_text(page(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -325,7 +325,7 @@ def feet() -> dict[str, str]:
     counts = {key: str(sum(row[-place] == "yes" for row in of.values()))
               for key, of, place in (("lift", own, 2), ("slide", own, 1), ("held_lift", higher, 2),
                                      ("held_slide", higher, 1))}  # fmt: skip
-    return {**counts, "cost": f"{min(costs):.0%} to {max(costs):.0%}"}
+    return {**counts, "cost": f"{100.0 * min(costs):.0f} to {100.0 * max(costs):.0f} %"}
 
 
 def cluster() -> dict[str, str]:

@@ -123,10 +123,8 @@ class Looks:
     def shows(self, cause: Hypothesis, variant: Variant, side: float) -> float:
         """The value of a cause's first parameter, above or below the nominal one, from which on it shows."""
         first = variant[0]
-        low, high = first.to_fit(max(first.low, 1e-12) if first.logarithmic else first.low), first.to_fit(first.high)
-        neutral = first.neutral(self.log.models[0])
-        neutral = max(neutral, first.from_fit(low))
-        none, plausible = first.to_fit(min(neutral, first.high)), first.to_fit(cause.values[first.path])
+        low, high = first.to_fit(first.least), first.to_fit(first.high)
+        none, plausible = first.nothing(self.log.models[0]), first.to_fit(cause.values[first.path])
         sizes = none + side * abs(plausible - none) * np.array(TRIED_SIZES)
         sizes = sizes[(sizes >= low) & (sizes <= high)]
         if not len(sizes):

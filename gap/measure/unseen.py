@@ -178,7 +178,7 @@ def _away_from_none(
         if not p.is_size or p.path not in bounds:
             continue
         low, high = (p.to_fit(end) for end in bounds[p.path])
-        none, values = none_of(p, nominal), [p.to_fit(one.values[p.path]) for one in fits]
+        none, values = p.nothing(nominal), [p.to_fit(one.values[p.path]) for one in fits]
         if none < min(values):
             found[p.path] = p.from_fit(max(low, 0.5 * (none + min(values)))), bounds[p.path][1]
         elif none > max(values):
@@ -213,15 +213,9 @@ def _idle(candidate: Candidate, bounds: Mapping[str, tuple[float, float]], nomin
 def does_nothing(parameter: Parameter, bounds: tuple[float, float], nominal: Nominal) -> bool:
     """Whether an interval reaches the value at which the parameter changes nothing, or that end of what was tried."""
     low, high = (parameter.to_fit(end) for end in (parameter.low, parameter.high))
-    none = none_of(parameter, nominal)
+    none = parameter.nothing(nominal)
     margin = THRESHOLDS.at_rest * (high - low)
     return parameter.to_fit(bounds[0]) <= none + margin and parameter.to_fit(bounds[1]) >= none - margin
-
-
-def none_of(parameter: Parameter, nominal: Nominal) -> float:
-    """The value at which a parameter changes nothing, or that end of what was tried, in the optimiser's coordinate."""
-    least = parameter.low if not parameter.logarithmic else max(parameter.low, 1e-12)
-    return parameter.to_fit(min(max(parameter.neutral(nominal), least), parameter.high))
 
 
 def _interval(candidate: Candidate, bounds: Mapping[str, tuple[float, float]]) -> str:

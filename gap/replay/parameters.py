@@ -170,6 +170,18 @@ class Parameter:
         value = nominal.value(self.number)
         return math.inf if self.rigid_at_zero and value == 0.0 else value
 
+    @property
+    def least(self) -> float:
+        """The lower bound; of what is moved as a logarithm, above zero."""
+        return max(self.low, 1e-12) if self.logarithmic else self.low
+
+    def nothing(self, nominal: HasNumbers) -> float:
+        """The optimiser's coordinate at which the value changes nothing, or of the bound that is nearest to that.
+
+        A joint without a stop has it infinitely far off.
+        """
+        return self.to_fit(min(max(self.neutral(nominal), self.least), self.high))
+
     def physical(self, value: float, nominal: HasNumbers) -> float:
         """A fitted value in the number's own unit."""
         return value * nominal.value(self.number) if self.factor else value

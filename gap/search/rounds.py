@@ -152,8 +152,7 @@ class Rounds:
         """A cause with what is decided on."""
         first = variant[0]
         neutral = first.neutral(self.nominal)
-        least = first.low if not first.logarithmic else max(first.low, 1e-12)
-        none = first.to_fit(min(max(neutral, least), first.high))  # a joint without a stop has it infinitely far off
+        none = first.nothing(self.nominal)
         # another cause may have taken the number over
         a, b = (float(first.to_fit(found.values.get(first.path, neutral)) - none) for found in judged.fits)
         evidence = Evidence(

@@ -145,13 +145,7 @@ def _acting(choice: Choice, full: Fit) -> Choice:
 
 def neutral(choice: Choice) -> dict[str, float]:
     """Values at which no cause does anything, as near as the bounds let them."""
-    return {p.path: p.from_fit(_neutral(p, choice.nominal)) for p in choice.parameters(choice.forms)}
-
-
-def _neutral(p: Parameter, nominal: HasNumbers) -> float:
-    """Coordinate at which a number does nothing, or the bound that is nearest to it."""
-    least = max(p.low, 1e-12) if p.logarithmic else p.low
-    return p.to_fit(min(max(p.neutral(nominal), least), p.high))
+    return {p.path: p.from_fit(p.nothing(choice.nominal)) for p in choice.parameters(choice.forms)}
 
 
 def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
@@ -168,7 +162,7 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
         row[[place[p.path] for p in variant]] = True
     acts &= np.array([p.is_size for p in parameters])  # without a size, its shape changes nothing
     own = acts.any(axis=0)
-    back = (np.array([_neutral(p, choice.nominal) for p in parameters]) - optimum)[own]
+    back = (np.array([p.nothing(choice.nominal) for p in parameters]) - optimum)[own]
     covariance, acts = covariance[np.ix_(own, own)], acts[:, own]
     known = {p.number: p for p in choice.tuned}
     slack = np.array([_slack(p, known.get(p.number)) for p in parameters])[own]

@@ -13,27 +13,19 @@ import pytest
 
 from benchmarks import policy_matrix
 from benchmarks.policy_matrix import (
-    ALIKE,
-    BETTER,
-    LEAST_POLICIES,
-    LEAST_STARTS,
     TASKS,
-    UNJUDGED,
-    WORSE,
     Cell,
-    Estimate,
     Judged,
     actors,
-    beside,
     best_constant,
     biped,
     cell,
     cells,
     counted,
     counts,
-    estimate,
     read,
 )
+from benchmarks.verdicts import ALIKE, BETTER, LEAST_POLICIES, LEAST_STARTS, UNJUDGED, WORSE, Estimate, beside, estimate
 
 TRIALS = 1500
 
