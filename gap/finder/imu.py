@@ -168,32 +168,40 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
     robot = _switched(robot, runs[0])
     for run in runs:
         log = imu_of(run)
-        base = None if log is None else carried(robot, run, frames)
-        if log is None or base is None or len(base.time) < 2:
-            continue
-        inside = (log.time > base.time[0]) & (log.time < base.time[-1])
-        log = log.cut(inside)
-        if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * IMU_LAG_REACH + ERROR_BLOCK:
-            continue
-        at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
-        share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
-        turn = turns.between(base.orientation[at - 1], base.orientation[at], share)
-        rate, seen = rates_of_turns(log.time, turn), smoothed(log)
-        alone = match([(log.time, seen, rate)], EARLIEST_LAG, delay + IMU_LAG_REACH)
-        if alone is not None and alone.explained > MIN_CARRIED_SHARE:
-            left = float(np.std(seen)) * np.sqrt(max(1.0 - alone.explained, 1e-3))
-            pairs.append(_Beside(log, base, turn, seen / left, rate / left))
+        ways = [] if log is None else [_beside(log, base, delay) for base in carried(robot, run, frames)]
+        told = [way for way in ways if way is not None]
+        if told:
+            pairs.append(max(told, key=lambda way: way.explained))
     if not pairs:
         return None
     found = match([(one.log.time, one.rate, one.asked_rate) for one in pairs], EARLIEST_LAG, delay + IMU_LAG_REACH)
     if found is None:
         return None
-    blocks = [block for one in pairs for block in one.blocks(found.lag)]
+    near = (found.lag, found.lag - 0.5 * MIN_EXTRA_DELAY, found.lag + 0.5 * MIN_EXTRA_DELAY)
+    turned = _turn([[block for one in pairs for block in one.blocks(lag)] for lag in near])
     names = [] if robot.imu is None else [switch.name for switch in robot.imu.switches]
     logged = bool(names) and all(name in one.log.switches for name in names for one in pairs)
     contacts = [block for one in pairs for block in one.contacts(found.lag, names)] if logged else []
     switched = Switched(names, contacts) if contacts else None
-    return Legs(found, *_turn(blocks), (delay, bias), switched)
+    return Legs(found, *turned, (delay, bias), switched)
+
+
+def _beside(log: ImuLog, base: Carried, delay: float) -> _Beside | None:
+    """An IMU beside the base as the legs carry it in one way; None where that tells too little of how it turns."""
+    if len(base.time) < 2:
+        return None
+    log = log.cut((log.time > base.time[0]) & (log.time < base.time[-1]))
+    if len(log.time) < 20 or log.time[-1] - log.time[0] < 2.0 * IMU_LAG_REACH + ERROR_BLOCK:
+        return None
+    at = np.clip(np.searchsorted(base.time, log.time), 1, len(base.time) - 1)
+    share = ((log.time - base.time[at - 1]) / (base.time[at] - base.time[at - 1]))[:, None]
+    turn = turns.between(base.orientation[at - 1], base.orientation[at], share)
+    rate, seen = rates_of_turns(log.time, turn), smoothed(log)
+    found = match([(log.time, seen, rate)], EARLIEST_LAG, delay + IMU_LAG_REACH)
+    if found is None or found.explained <= MIN_CARRIED_SHARE:
+        return None
+    left = float(np.std(seen)) * np.sqrt(max(1.0 - found.explained, 1e-3))
+    return _Beside(log, base, turn, seen / left, rate / left, found.explained)
 
 
 def _switched(robot: Robot, run: MeasuredRun) -> Robot:
@@ -241,6 +249,7 @@ class _Beside:
         asked: orientation of the base at its samples (n, 4).
         rate, asked_rate: turn rates there (n, 3), in parts of what one leaves of the other: a run in which the robot
             slips or trips tells less.
+        explained: share of the variance of the turn rate that the legs explain.
     """
 
     log: ImuLog
@@ -248,6 +257,7 @@ class _Beside:
     asked: Array
     rate: Array
     asked_rate: Array
+    explained: float
 
     def blocks(self, lag: float) -> list[_Rows]:
         """The run in blocks, the IMU as much later than the legs."""
@@ -279,13 +289,18 @@ def _in_blocks(time: Array) -> list[np.ndarray]:
     return np.array_split(np.arange(len(time)), count) if count else []
 
 
-def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
+def _turn(lags: Sequence[list[_Rows]]) -> tuple[np.ndarray, np.ndarray]:
     """The turn (3,) [rad] that makes what was measured what the legs ask for, and its standard deviation.
 
     The turn rates tell it about all axes, gravity about the level ones, each weighed by what it leaves. About the
     vertical its deviation is the crosstalk of the level axes at least: where feet slip or the robot trips, what the
-    legs ask for is off in many ways, of which a turn is only one.
+    legs ask for is off in many ways, of which a turn is only one. And where the base swings in circles, as it does
+    while the robot turns, a lag looks like a turn, and is known only as well as feet and floor are.
+
+    Args:
+        lags: blocks of all runs, at the lag that was found and at a deviation of it to both sides.
     """
+    blocks, *others = lags
 
     def solved(chosen: Sequence[_Rows]) -> np.ndarray:
         turned = np.zeros(3)
@@ -307,6 +322,8 @@ def _turn(blocks: list[_Rows]) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(0)
     drawn = [solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(TURN_DRAWS)]
     turned, spread = solved(blocks), np.std(drawn, axis=0)
+    early, late = (solved(chosen) for chosen in others)
+    spread = np.hypot(spread, 0.5 * np.abs(late - early))
     spread[2] = max(spread[2], _crosstalk(blocks))
     return -turned, spread
 
@@ -329,6 +346,12 @@ def _crosstalk(blocks: Sequence[_Rows]) -> float:
 # which makes it follow its path can move it, as in :mod:`sealegs.gap.ground.tree_replay`.
 
 SETTLING_SECONDS, SPEED_UP_SECONDS = 0.5, 0.2  # that it settles in its first pose, and in which motion then sets in
+GROUNDS = (None, 10.0)
+"""Grounds on which it stands: that of its model, and one on which feet creep less (``impratio`` of an elliptic cone).
+
+On two diagonal feet a base falls from side to side, and which way depends on as little as that. Of two right models of
+contact one told a right IMU that it sits turned by 4 degrees, so each run takes the one that explains it better.
+"""
 FALLEN_ANGLE = 0.7  # [rad] from upright: what it does then, its legs do not tell
 
 
@@ -347,11 +370,22 @@ class Carried:
     down: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
-def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried | None:
-    """The base over a run; None where it has no floor or feet to stand on, or its joints were not all logged."""
+def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> list[Carried]:
+    """The base over a run, on each ground of :data:`GROUNDS` on which it stands.
+
+    On none where the robot has no floor or feet to stand on, or its joints were not all logged.
+    """
     names = [item.name for item in robot.coordinates]
     if any(name not in run.joints for name in names):
-        return None
+        return []
+    found = [_carried_on(ground, robot, run, names, frames) for ground in GROUNDS]
+    return [way for way in found if way is not None]
+
+
+def _carried_on(
+    impratio: float | None, robot: Robot, run: MeasuredRun, names: list[str], frames: dict[str, Frame]
+) -> Carried | None:
+    """The base over a run on one ground, a value of :data:`GROUNDS`."""
     try:
         drivetrain = robot.drivetrain(None, run.robot_params)
     except SealegsError:
@@ -363,7 +397,8 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> Carried
         return None
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-    model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, 10.0)
+    if impratio is not None:
+        model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, impratio)
     joints, motors = shares([drivetrain.terms(name) for name in names])
     step = float(model.opt.timestep)
     clock, angles = _paths(run, names, frames, step)

@@ -10,11 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from sealegs.commands import deploy
 from sealegs.common.errors import SealegsError
+from sealegs.configs.script import run as run_script
 from sealegs.gap.checks.imu import Match, check_imu, imu_of
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.finder.imu import Carried, Legs, diagnose_imu
 from sealegs.gap.finder.switches import Switched
+from sealegs.gap.log import read_measured
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
 from sealegs.gap.output.terminal import screen
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, NOTHING, JointDiagnosis
@@ -116,9 +119,49 @@ def test_a_turn_about_the_vertical_is_told_only_where_it_is_all_that_is_off(
         angles = Rotation.from_euler("z", -12.0, degrees=True).apply(angles)
     asked = Carried(log.time, Rotation.from_rotvec(angles).as_quat(scalar_first=True))
     monkeypatch.setattr("sealegs.gap.finder.imu.robot_under", lambda run: SimpleNamespace(imu=None))
-    monkeypatch.setattr("sealegs.gap.finder.imu.carried", lambda robot, run, frames: asked)
+    monkeypatch.setattr("sealegs.gap.finder.imu.carried", lambda robot, run, frames: [asked])
     found = diagnose_imu([run], {}, lambda text: None)
     assert any("about z" in finding.sentence for finding in found.findings) == told, found.sentence
+
+
+def test_of_two_grounds_the_one_that_explains_the_imu_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Feet that creep less made a trot swing about other corners: a right IMU was said to sit turned by 4 degrees."""
+    run = rocking(BoughtImu())
+    log = imu_of(run)
+    assert log is not None
+    right = Rotation.from_quat(log.orientation, scalar_first=True)
+    other = Rotation.from_rotvec(0.6 * right.as_rotvec() + [0.0, 0.08, 0.0])
+    ways = [Carried(log.time, turned.as_quat(scalar_first=True)) for turned in (other, right)]
+    monkeypatch.setattr("sealegs.gap.finder.imu.robot_under", lambda run: SimpleNamespace(imu=None))
+    monkeypatch.setattr("sealegs.gap.finder.imu.carried", lambda robot, run, frames: ways)
+    assert diagnose_imu([run], {}, lambda text: None).findings == ()
+
+
+def test_a_lag_that_swinging_in_circles_makes_a_turn_is_not_told_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a turning robot a lag of 4 ms in place of 10 was a turn by 3 degrees about the vertical."""
+
+    def swinging(time: np.ndarray) -> np.ndarray:
+        angle = 2.0 * np.pi * (2.0 * time + 0.1 * np.sin(time) * time)
+        turned = 0.05 * np.stack([np.cos(angle), np.sin(angle), 0.2 * np.sin(3.0 * time)], axis=1)
+        return Rotation.from_rotvec(turned).as_quat(scalar_first=True)
+
+    run = rocking(BoughtImu())
+    run.base.update(BoughtImu(delay=0.0).columns(run.time, swinging(run.time), np.random.default_rng(0)))
+    known = Match(0.0, -1e-3, 1e-3, np.eye(3), 1.0, 0.95)
+    monkeypatch.setattr("sealegs.gap.finder.imu.match", lambda *given: known)
+    monkeypatch.setattr("sealegs.gap.finder.imu.robot_under", lambda run: SimpleNamespace(imu=None))
+    ways = [Carried(run.time, swinging(run.time + 0.006))]
+    monkeypatch.setattr("sealegs.gap.finder.imu.carried", lambda robot, run, frames: ways)
+    found = diagnose_imu([run], {}, lambda text: None)
+    assert found.findings == () and "about z" in found.sentence
+
+
+def test_a_lag_of_less_than_half_the_time_between_samples_is_not_told() -> None:
+    """A trot of 20 rows a step, sampled each 10 or 30 ms: its turn rate was said to be 6 ms late."""
+    logs = [rocking(BoughtImu(filtered=0.012), seed) for seed in (1, 2)]
+    assert [finding.code for finding in check_imu(logs)[0]] == ["imu.lag"]
+    rare = [replace(run, time=run.time[::3], base={key: c[::3] for key, c in run.base.items()}) for run in logs]
+    assert check_imu(rare) == ([], True)
 
 
 # --- beside the legs -------------------------------------------------------------------------------------------------
@@ -151,6 +194,21 @@ def test_an_imu_that_is_mounted_another_way_is_named(mount: Rotation, says: str)
     found = judged(BoughtImu(mount=mount))
     assert found.verdict == EXPLAINED and [error.name for error in found.data_errors] == ["imu.mount"]
     assert says in found.sentence and "imu.rotation" in found.sentence
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("hidden", "codes"), [("0.0", []), ("0.0873", ["imu.turned"])])
+def test_a_virtual_quadruped_that_turns_tells_only_an_imu_that_sits_turned(
+    hidden: str, codes: list[str], tmp_path: Path
+) -> None:
+    """Its legs were put onto another ground than its own: axes swapped, 7 ms early, or turned by 4 degrees."""
+    (tmp_path / "hidden.yaml").write_text(f"imu.rotation: [0.0, {hidden}, 0.0]\n")
+    words = ["reference=walk", "robot=quadruped", "command={forward: -0.1, turn: -0.5}", "hw.virtual.time=stepped"]
+    words += ["hw.virtual.seed=16", f"hw.virtual.hidden={tmp_path / 'hidden.yaml'}", "duration=10", "live=false"]
+    assert run_script(deploy.main, "deploy", "", [*words, f"out={tmp_path}", "name=run"]) == 0
+    runs = read_measured(tmp_path / "run.csv").runs
+    found = diagnose_imu(list(runs), {}, lambda text: None)
+    assert [finding.code for finding in found.findings] == codes, found.sentence
 
 
 @pytest.mark.long
