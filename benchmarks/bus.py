@@ -14,8 +14,6 @@ waits for nothing but the wire.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import multiprocessing
 import os
@@ -42,7 +40,7 @@ from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
-from benchmarks.speed import RESULTS
+from benchmarks.kept import command, page, study, table, write
 
 COUNTS = (1, 3, 6, 12, 18)
 BAR = 0.95
@@ -252,46 +250,32 @@ def wire_rate(count: int) -> float:
     return BAUDRATE / 10.0 / (sent + count * (6 + BLOCK_BYTES))
 
 
-def table(rows: list[dict[str, Any]], machine: dict[str, Any]) -> str:
+def told(rows: list[dict[str, Any]], machine: dict[str, Any]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# Servo bus",
-        "",
+    rates = (
+        (row["servos"], f"{row['cycles_per_second']:,.0f}", f"{row['bare_cycles_per_second']:,.0f}",
+         f"{row['wire_cycles_per_second']:,.0f}", _shown(row["ratio"]),
+         f"{_shown(row['ratio_low'])} to {_shown(row['ratio_high'])}", f"{row['bar']:.2f}", _verdict(row),
+         f"{row['failed_cycles']}, {row['bare_failed_cycles']}")
+        for row in rows
+    )  # fmt: skip
+    times = ((row["servos"], f"{row['cpu_microseconds']:.0f}", f"{row['bare_cpu_microseconds']:.0f}",
+              f"{row['ratio_alone']:.2f}") for row in rows)  # fmt: skip
+    heads = ("servos", "cycles/s", "bare SDK", "bytes alone", "ratio", "quartiles", "bar", "", "failed")
+    return page(
+        "Servo bus",
         f"Written by `python -m benchmarks.bus`; {machine['cores']} cores, Python {machine['python']}, load average "
         f"{machine['load']:.1f}. A cycle is one SYNC_WRITE of goals and one SYNC_READ of registers 56 to 70 on the "
         "virtual bus, which keeps the time of the bytes at 1 Mbit/s. Turns of both sides alternate. Failed: cycles "
         "without all replies, of the bus and of the SDK; they take their time and do not count.",
-        "",
-        "| servos | cycles/s | bare SDK | bytes alone | ratio | quartiles | bar | | failed |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        lines.append(
-            f"| {row['servos']} | {row['cycles_per_second']:,.0f} | {row['bare_cycles_per_second']:,.0f} | "
-            f"{row['wire_cycles_per_second']:,.0f} | {_shown(row['ratio'])} | {_shown(row['ratio_low'])} to "
-            f"{_shown(row['ratio_high'])} | {row['bar']:.2f} | {_verdict(row)} | {row['failed_cycles']}, "
-            f"{row['bare_failed_cycles']} |"
-        )
-    if any(_too_busy(row) for row in rows):
-        lines += [
-            "",
-            "Where the machine was too busy, other programs kept it so that bare SDK calls reached less than "
-            f"{FAIR:.0%} of what the bytes allow: the ratio then says nothing. Repeat it without other load.",
-        ]
-    lines += [
-        "",
+        table(heads, rates),
+        "Where the machine was too busy, other programs kept it so that bare SDK calls reached less than "
+        f"{FAIR:.0%} of what the bytes allow: the ratio then says nothing. Repeat it without other load."
+        * any(map(_too_busy, rows)),
         "Processor time of a cycle, with replies that are there at once, and the ratio that follows where nothing but "
         "the bytes' time is added; what it takes to be woken is not in it.",
-        "",
-        "| servos | bus, us | bare SDK, us | ratio |",
-        "|---|---|---|---|",
-    ]
-    lines += [
-        f"| {row['servos']} | {row['cpu_microseconds']:.0f} | {row['bare_cpu_microseconds']:.0f} | "
-        f"{row['ratio_alone']:.2f} |"
-        for row in rows
-    ]
-    return "\n".join(lines) + "\n"
+        table(("servos", "bus, us", "bare SDK, us", "ratio"), times),
+    )
 
 
 def _too_busy(row: dict[str, Any]) -> bool:
@@ -309,30 +293,24 @@ def _shown(ratio: float | None) -> str:
     return f"{ratio:.2f}" if ratio is not None else "-"
 
 
+@study
 def main() -> int:
     """Measure all counts; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.bus", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("--quick", action="store_true", help="short turns; prints, writes nothing")
     quick = parser.parse_args().quick
     rows = []
-    try:
-        for count in COUNTS:
-            print(f"{count:3d} servos: ", end="", flush=True)
-            rows.append(measure(count, 3 if quick else 20, 0.5))
-            print(f"ratio {_shown(rows[-1]['ratio'])}", flush=True)
-    except KeyboardInterrupt:
-        print("\nStopped; the results of the last whole measurement stay.", file=sys.stderr)
-        return 130
+    for count in COUNTS:
+        print(f"{count:3d} servos: ", end="", flush=True)
+        rows.append(measure(count, 3 if quick else 20, 0.5))
+        print(f"ratio {_shown(rows[-1]['ratio'])}", flush=True)
     machine = {"cores": os.cpu_count(), "python": platform.python_version(), "load": os.getloadavg()[0]}
-    page = table(rows, machine)
-    print("\n" + page)
+    print("\n" + told(rows, machine))
     if any(_too_busy(row) for row in rows):
         print("Nothing is written: the machine was too busy to compare.", file=sys.stderr)
         return 1
     if not quick:
-        RESULTS.mkdir(parents=True, exist_ok=True)
-        (RESULTS / "bus.json").write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n", "utf-8")
-        (RESULTS / "bus.md").write_text(page, "utf-8")
+        write("bus", told(rows, machine), {"machine": machine, "rows": rows})
     return 0
 
 

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
-RESULTS = Path(__file__).parent / "results"
+from benchmarks.kept import RESULTS, Kept, command, page, read, study, table, write
+
 BINS = (0.0, 0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 SAME = {
     "transmission.gear_ratio": {"drive.motor_constant"},
@@ -39,9 +40,8 @@ class Bin:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the share (Wilson)."""
-        z, n, p = 1.96, self.count, self.right
-        middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-        return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
+        ends = binomtest(round(self.right * self.count), self.count).proportion_ci(0.95, method="wilson")
+        return float(ends.low), float(ends.high)
 
 
 def is_right(cause: Mapping[str, Any], row: Mapping[str, Any]) -> bool:
@@ -113,23 +113,10 @@ def picture(sets: Mapping[str, Sequence[Mapping[str, Any]]], path: Path) -> None
     figure.savefig(path, dpi=110)
 
 
-def page(sets: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def said(sets: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """The figures, as markdown."""
-    lines = [
-        "# Calibration of confidences",
-        "",
-        "Made by `python -m benchmarks.calibration` from the kept cases of the hidden benches.",
-        "",
-        "![reliability](calibration.png)",
-        "",
-        "The last column is for a finder whose confidences are exactly right: bins of few causes are off by chance.",
-        "",
-        "| bench | named causes | calibration error | right of those named with "
-        f"{CERTAIN:g} or more | with {SURE:g} to {CERTAIN:g} | with less | by chance alone: mean, and 95 % of draws |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    every_set = {**sets, "all": [row for one in sets.values() for row in one]}
-    for name, rows in every_set.items():
+    cells = []
+    for name, rows in {**sets, "all": [row for one in sets.values() for row in one]}.items():
         every = told(rows)
         parts = [
             [right for c, right in every if low <= c < high]
@@ -137,35 +124,39 @@ def page(sets: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         ]
         shares = [f"{sum(part)} of {len(part)}" for part in parts]
         error, (mean, most) = calibration_error(rows), by_chance(rows)
-        lines.append(
-            f"| {name} | {len(every)} | {100 * error:.1f} points | {' | '.join(shares)} | {100 * mean:.1f}, up to "
-            f"{100 * most:.1f} points |"
-        )
-    lines += ["", "| bench | confidence (mean of the bin) | share right (95 %) | causes |", "|---|---|---|---|"]
-    for name, rows in sets.items():
-        for b in reliability(rows):
-            low, high = b.interval
-            lines.append(f"| {name} | {b.confidence:.2f} | {b.right:.2f} ({low:.2f} to {high:.2f}) | {b.count} |")
-    return "\n".join(lines) + "\n"
+        cells.append((name, len(every), f"{100 * error:.1f} points", *shares,
+                      f"{100 * mean:.1f}, up to {100 * most:.1f} points"))  # fmt: skip
+    heads = ("bench", "named causes", "calibration error", f"right of those named with {CERTAIN:g} or more",
+             f"with {SURE:g} to {CERTAIN:g}", "with less", "by chance alone: mean, and 95 % of draws")  # fmt: skip
+    bins = (
+        (name, f"{b.confidence:.2f}", f"{b.right:.2f} ({b.interval[0]:.2f} to {b.interval[1]:.2f})", b.count)
+        for name, rows in sets.items() for b in reliability(rows)
+    )  # fmt: skip
+    return page(
+        "Calibration of confidences",
+        "Made by `python -m benchmarks.calibration` from the kept cases of the hidden benches.",
+        "![reliability](calibration.png)",
+        "The last column is for a finder whose confidences are exactly right: bins of few causes are off by chance.",
+        table(heads, cells),
+        table(("bench", "confidence (mean of the bin)", "share right (95 %)", "causes"), bins),
+    )
 
 
 def kept() -> dict[str, list[dict[str, Any]]]:
     """Cases of each bench that has any."""
-    tables = {name: RESULTS / f"{name}.json" for name in ("hidden", "hidden_drawn")}
-    sets = {name: json.loads(path.read_text())["cases"] for name, path in tables.items() if path.exists()}
-    wide = RESULTS / "hidden_wide.jsonl"
-    if wide.exists():
-        sets["hidden_wide"] = [json.loads(line) for line in wide.read_text().splitlines()]
-    return sets
+    sets = {name: read(name, {"cases": []})["cases"] for name in ("hidden", "hidden_drawn")}
+    sets["hidden_wide"] = Kept(RESULTS / "hidden_wide.jsonl").rows
+    return {name: rows for name, rows in sets.items() if rows}
 
 
-def main() -> int:
+@study
+def main() -> None:
     """Command line."""
+    command(__doc__).parse_args()
     sets = kept()
-    (RESULTS / "calibration.md").write_text(page(sets))
+    write("calibration", said(sets))
     picture(sets, RESULTS / "calibration.png")
-    print(page(sets))
-    return 0
+    print(said(sets))
 
 
 if __name__ == "__main__":

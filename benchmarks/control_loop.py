@@ -17,8 +17,6 @@ stole.
 
 from __future__ import annotations
 
-import argparse
-import json
 import multiprocessing
 import os
 import platform
@@ -36,6 +34,7 @@ import numpy as np
 from sealegs.common.errors import SealegsError
 from sealegs.common.processes import end_with_parent
 from sealegs.gap.log import read_measured
+from sealegs.hw.bus.clock import Metronome
 from sealegs.hw.bus.registers import load_model
 from sealegs.hw.bus.servo_bus import ServoBus
 from sealegs.hw.guard.safety import Limits, Safety
@@ -51,9 +50,8 @@ from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
-from benchmarks.bare_loop import bare_loop, processor_times, stolen_share
 from benchmarks.bus import servo_row
-from benchmarks.speed import RESULTS
+from benchmarks.kept import command, page, study, table, write
 
 RATE, PARTS = 100.0, 10
 BARE = 0.5  # time of the bare loop over that of a part
@@ -236,9 +234,75 @@ def missed_because(row: dict[str, Any]) -> str | None:
     return None
 
 
-def main() -> int:
-    """Run, print, and write what was measured; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.control_loop", description=__doc__)
+# --- what the machine alone costs a loop -----------------------------------------------------------------------------
+#
+# A loop that shares its computer, or whose computer is a virtual machine, is late through no fault of its own. A bare
+# one has no bus, no log and no other process to wait for: what it misses, no loop of that rate and work keeps here.
+
+STAT = Path("/proc/stat")
+STEAL, COUNTED = 7, 8  # place of the stolen time behind the name of a row, and columns that add up to all time; proc(5)
+NOWHERE = float("nan")
+
+
+def spin(rate: float, seconds: float, need: float, connection: Connection) -> None:
+    """Wake at a fixed rate and keep the processor for a while in each cycle; sends the timing.
+
+    Args:
+        rate: [Hz].
+        seconds: for how long.
+        need: processor time that a cycle takes [s].
+        connection: for the timing.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
+    metronome = Metronome(rate)
+    end = metronome.wait() + seconds
+    while metronome.wait() < end:
+        until = time.thread_time() + need  # who is interrupted has still to do the rest
+        while time.thread_time() < until:
+            pass
+        metronome.done(NOWHERE, NOWHERE)
+    connection.send(asdict(metronome.timing()))
+
+
+def bare_loop(rate: float, seconds: float, need: float) -> dict[str, Any]:
+    """Timing of :func:`spin` in a process of its own, with the share of stolen time meanwhile."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe(duplex=False)
+    process = context.Process(target=spin, args=(rate, seconds, need, there), daemon=True)
+    process.start()
+    there.close()
+    before = processor_times()
+    try:
+        timing = here.recv()
+    finally:
+        process.terminate()
+        process.join()
+    return {**timing, "need": need, "stolen": stolen_share(before, processor_times())}
+
+
+def processor_times() -> tuple[int, int] | None:
+    """Time that the hypervisor gave to others, and all time, of all processors [ticks]; None: nobody counts it."""
+    try:
+        columns = [int(word) for word in STAT.read_text().splitlines()[0].split()[1 : 1 + COUNTED]]
+    except (OSError, ValueError, IndexError):
+        return None
+    return (columns[STEAL], sum(columns)) if len(columns) == COUNTED else None
+
+
+def stolen_share(before: tuple[int, int] | None, after: tuple[int, int] | None) -> float | None:
+    """Stolen time over all time between two counts; None: not known."""
+    if before is None or after is None or after[1] <= before[1]:
+        return None
+    return (after[0] - before[0]) / (after[1] - before[1])
+
+
+# --- command ---------------------------------------------------------------------------------------------------------
+
+
+@study
+def main() -> None:
+    """Run, print, and write what was measured."""
+    parser = command(__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="of all parts; others than 600 write nothing")
     parser.add_argument("--servos", type=int, choices=tuple(OVERRUN_BARS), default=6)
     arguments = parser.parse_args()
@@ -256,26 +320,14 @@ def main() -> int:
                 need = row["cpu_share"] / RATE * (1.0 + row["skipped"] / max(row["cycles"], 1))
                 rows.append({**row, "bare": bare_loop(RATE, BARE * seconds / PARTS, need)})
                 print(f"\r{line(rows[-1])}", flush=True)
-    except KeyboardInterrupt:
-        print("\nStopped; the servos are released, nothing is written.", file=sys.stderr)
-        return 130
-    except SealegsError as error:
-        print(error, file=sys.stderr)
-        return 2
     finally:
         process.terminate()
         process.join()
     machine = {"cores": os.cpu_count(), "processor": platform.machine(), "load": os.getloadavg()[0]}
-    page = table(servos, rows, machine)
-    print("\n" + page)
-    name = "control_loop" if servos == 6 else f"control_loop_{servos}"
+    print("\n" + told(servos, rows, machine))
     if seconds == 600.0:
-        RESULTS.mkdir(parents=True, exist_ok=True)
-        (RESULTS / f"{name}.json").write_text(
-            json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n", encoding="utf-8"
-        )
-        (RESULTS / f"{name}.md").write_text(page, encoding="utf-8")
-    return 0
+        name = "control_loop" if servos == 6 else f"control_loop_{servos}"
+        write(name, told(servos, rows, machine), {"machine": machine, "rows": rows})
 
 
 def line(row: dict[str, Any]) -> str:
@@ -286,7 +338,7 @@ def line(row: dict[str, Any]) -> str:
     return f"{row['cycles']:6d} cycles, {row['overruns']:4d} overruns; {row['missed'] or stop}"
 
 
-def table(servos: int, rows: list[dict[str, Any]], machine: dict[str, Any]) -> str:
+def told(servos: int, rows: list[dict[str, Any]], machine: dict[str, Any]) -> str:
     """The result as a page."""
     cycles, overruns = sum(row["cycles"] for row in rows), sum(row["overruns"] for row in rows)
     share, skipped = overruns / max(cycles, 1), sum(row["skipped"] for row in rows)
@@ -299,41 +351,37 @@ def table(servos: int, rows: list[dict[str, Any]], machine: dict[str, Any]) -> s
     bar = OVERRUN_BARS[servos]
     bare_cycles, bare_overruns = (sum(row["bare"][key] for row in rows) for key in ("cycles", "overruns"))
     stolen, bare_stolen = _share([row["stolen"] for row in rows]), _share([row["bare"]["stolen"] for row in rows])
-    lines = [
-        "# Control loop",
-        "",
+    cells = (
+        ("overruns", f"{100 * share:.2f} %", f"under {100 * bar:g} %", _verdict(share < bar)),
+        ("overruns of a bare loop", f"{100 * bare_overruns / max(bare_cycles, 1):.2f} %", "", "the machine's own"),
+        ("processor time stolen by the hypervisor", f"{stolen}; {bare_stolen} from the bare loop", "", ""),
+        ("safety stops missed", f"{len(missed)} of {len(rows)}", "0", _verdict(not missed)),
+        ("cycles from fault to stop, most", max((row["cycles_to_stop"] for row in stopped), default="-"), STOP_CYCLES,
+         ""),
+        ("fault named to torque off, slowest", f"{1e3 * named:.1f} ms", f"{1e3 * RELEASE_BAR:g} ms", ""),
+        ("fault in force to torque off, slowest", f"{1e3 * fault:.1f} ms", "", ""),
+        ("periods left out", f"{skipped} of {cycles + skipped}", "", ""),
+        ("bare loop begins late by (99 %, worst part)",
+         f"{1e3 * max(row['bare']['late_p99'] for row in rows):.2f} ms", "", ""),
+        ("cycles begin late by (99 %, worst part)", f"{1e3 * max(row['late_p99'] for row in rows):.2f} ms", "", ""),
+        ("cycles begin late by (worst)", f"{1e3 * max(row['late_worst'] for row in rows):.2f} ms", "", ""),
+        ("reading, mean", f"{1e3 * np.mean([row['read_mean'] for row in rows]):.2f} ms", "", ""),
+        ("reading to command, mean", f"{1e3 * np.mean([row['command_mean'] for row in rows]):.2f} ms", "", ""),
+        ("processor", f"{100 * np.mean([row['cpu_share'] for row in rows]):.0f} % of a core", "", ""),
+    )  # fmt: skip
+    return page(
+        "Control loop",
         f"{servos} virtual servos at {RATE:g} Hz for {(cycles + skipped) / RATE:.0f} s, {PARTS} faults in between; "
-        f"{machine['cores']} cores, {machine['processor']}, load average {machine['load']:.1f}.",
+        f"{machine['cores']} cores, {machine['processor']}, load average {machine['load']:.1f}.\n"
         f"`python -m benchmarks.control_loop{'' if servos == 6 else f' --servos {servos}'}`",
-        "",
-        "| | measured | to reach | |",
-        "|---|---|---|---|",
-        f"| overruns | {100 * share:.2f} % | under {100 * bar:g} % | {_verdict(share < bar)} |",
-        f"| overruns of a bare loop | {100 * bare_overruns / max(bare_cycles, 1):.2f} % | | the machine's own |",
-        f"| processor time stolen by the hypervisor | {stolen}; {bare_stolen} from the bare loop | | |",
-        f"| safety stops missed | {len(missed)} of {len(rows)} | 0 | {_verdict(not missed)} |",
-        f"| cycles from fault to stop, most | {max((row['cycles_to_stop'] for row in stopped), default='-')} | "
-        f"{STOP_CYCLES} | |",
-        f"| fault named to torque off, slowest | {1e3 * named:.1f} ms | {1e3 * RELEASE_BAR:g} ms | |",
-        f"| fault in force to torque off, slowest | {1e3 * fault:.1f} ms | | |",
-        f"| periods left out | {skipped} of {cycles + skipped} | | |",
-        "| bare loop begins late by (99 %, worst part) | "
-        f"{1e3 * max(row['bare']['late_p99'] for row in rows):.2f} ms | | |",
-        f"| cycles begin late by (99 %, worst part) | {1e3 * max(row['late_p99'] for row in rows):.2f} ms | | |",
-        f"| cycles begin late by (worst) | {1e3 * max(row['late_worst'] for row in rows):.2f} ms | | |",
-        f"| reading, mean | {1e3 * np.mean([row['read_mean'] for row in rows]):.2f} ms | | |",
-        f"| reading to command, mean | {1e3 * np.mean([row['command_mean'] for row in rows]):.2f} ms | | |",
-        f"| processor | {100 * np.mean([row['cpu_share'] for row in rows]):.0f} % of a core | | |",
-        "",
+        table(("", "measured", "to reach", ""), cells),
         "Torque as the virtual machine records it, on every servo that can be reached. Cycles that wait for a reply "
         "that a fault keeps back overrun, and count. The bare loop runs after each part, for half as long, at the same "
         f"rate. It sleeps, spins for the {1e3 * np.mean([row['bare']['need'] for row in rows]):.1f} ms of processor "
         "time that a cycle of the part took, and counts overruns alike. It waits for nobody: what it misses is the "
         "machine's.",
-        *[f"\nMissed, {text}." for text in missed],
-        "",
-    ]
-    return "\n".join(lines)
+        *(f"Missed, {text}." for text in missed),
+    )
 
 
 def _share(shares: list[float | None]) -> str:

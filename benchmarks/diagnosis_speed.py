@@ -9,7 +9,6 @@ processor time of all threads is given beside it, and half of that is what two i
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -20,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-RESULTS = Path(__file__).parent / "results" / "diagnosis_speed"
+from benchmarks.kept import RESULTS, command, page, study, table, write
+
 FACTORS = (1, 2, 4, 8)
 CORES = 2
 WANTED, AIM = 120.0, 60.0  # [s] for the plain case on two cores
@@ -55,28 +55,22 @@ def measure(factor: float) -> dict[str, Any]:
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@study
+def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.diagnosis_speed", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = command(__doc__)
     parser.add_argument("--factors", type=float, nargs="+", default=list(FACTORS))
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    options = parser.parse_args(arguments)
+    parser.add_argument("--out", type=Path, default=RESULTS / "diagnosis_speed")
+    options = parser.parse_args()
     import numba
 
     numba.set_num_threads(min(CORES, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    measure(0.1)
     results = []
-    try:
-        measure(0.1)
-        for factor in options.factors:
-            results.append(measure(factor))
-            print(json.dumps(results[-1]), flush=True)
-    except KeyboardInterrupt:
-        print("Stopped; nothing is written.", file=sys.stderr)
-        return 130
+    for factor in options.factors:
+        results.append(measure(factor))
+        print(json.dumps(results[-1]), flush=True)
     report(results, options.out)
-    return 0
 
 
 def report(results: Sequence[dict[str, Any]], out: Path) -> None:
@@ -87,25 +81,19 @@ def report(results: Sequence[dict[str, Any]], out: Path) -> None:
     samples = np.array([row["samples"] for row in results], float)
     processor = np.array([row["processor_seconds"] for row in results])
     power = float(np.polyfit(np.log(samples), np.log(processor), 1)[0]) if len(results) > 1 else float("nan")
-    out.with_suffix(".json").write_text(
-        json.dumps({"results": list(results), "power": power, "load": load}, indent=1) + "\n"
-    )
-    lines = [
-        "# Time of a diagnosis (`python -m benchmarks.diagnosis_speed`)",
-        "",
+    cells = (
+        (f"{row['factor']:g} x 3 x 24 s", f"{row['samples']:,}", row["causes_considered"], f"{row['seconds']:.0f}",
+         f"{row['processor_seconds'] / CORES:.0f}", row["rounds"], ", ".join(row["causes"]))
+        for row in results
+    )  # fmt: skip
+    heads = ("log", "samples", "causes tried", "on the clock [s]", "processor time / 2 [s]", "rounds", "named")
+    text = page(
+        "Time of a diagnosis (`python -m benchmarks.diagnosis_speed`)",
         f"Two cores; load of the machine while it ran: {load:.1f}. Wanted: at most {WANTED:g} s for the first line, "
         f"aim {AIM:g} s. Processor time grows with the length of the log to the power of {power:.2f}.",
-        "",
-        "| log | samples | causes tried | on the clock [s] | processor time / 2 [s] | rounds | named |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in results:
-        lines.append(
-            f"| {row['factor']:g} x 3 x 24 s | {row['samples']:,} | {row['causes_considered']} | "
-            f"{row['seconds']:.0f} | {row['processor_seconds'] / CORES:.0f} | {row['rounds']} | "
-            f"{', '.join(row['causes'])} |"
-        )
-    out.with_suffix(".md").write_text("\n".join(lines) + "\n")
+        table(heads, cells),
+    )
+    write(out, text, {"results": list(results), "power": power, "load": load})
 
     @styled
     def draw() -> None:

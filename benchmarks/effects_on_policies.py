@@ -12,8 +12,6 @@ here: a loss that training cannot undo is in the row, too.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -27,11 +25,8 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.described.robot_described import largest_torque
 from sealegs.hw.virtual.machine import changed
 
-from benchmarks import study
-from benchmarks.policies_on_the_bus import POLICIES
-from benchmarks.speed import RESULTS
+from benchmarks.kept import POLICIES, command, page, read, study, table, write
 
-FILE = RESULTS / "effects_on_policies.json"
 EPISODES = 16
 TRACK = "track"
 POLICIES_OF = ("hopper/seed0", "leg/seed0", "arm/seed0", "biped/seed0", "biped_hopping/seed0", "hexapod/seed0", TRACK)
@@ -114,18 +109,9 @@ def loss(alone: list[float], hit: list[float]) -> tuple[float, float]:
     return float(lost.mean()), half_interval(lost)
 
 
-def table(rows: Mapping[str, Mapping[str, list[float] | None]]) -> str:
+def told(rows: Mapping[str, Mapping[str, list[float] | None]]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# What an effect costs a policy that was trained without it",
-        "",
-        f"Share of the mean episode reward that is lost, with its 95 % interval over {EPISODES} starts; bold: surely "
-        f"more than {100 * MATTERS:.0f} %. Empty: the task's chains have no such number. "
-        "`python -m benchmarks.effects_on_policies`",
-        "",
-        "| policy | reward | " + " | ".join(EFFECTS) + " |",
-        "|---|---|" + "---|" * len(EFFECTS),
-    ]
+    lines = []
     for name, found in rows.items():
         alone = found["none"]
         assert alone is not None
@@ -138,28 +124,34 @@ def table(rows: Mapping[str, Mapping[str, list[float] | None]]) -> str:
             share, half = loss(alone, hit)
             said = f"{round(100 * share)} % (+-{round(100 * half)})"
             cells.append(f"**{said}**" if share - half > MATTERS else said)
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        lines.append(cells)
+    return page(
+        "What an effect costs a policy that was trained without it",
+        f"Share of the mean episode reward that is lost, with its 95 % interval over {EPISODES} starts; bold: surely "
+        f"more than {100 * MATTERS:.0f} %. Empty: the task's chains have no such number. "
+        "`python -m benchmarks.effects_on_policies`",
+        table(("policy", "reward", *EFFECTS), lines),
+    )
 
 
 @study
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.effects_on_policies", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("policies", nargs="*", help=f"such as biped/seed0; default: {', '.join(POLICIES_OF)}")
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
     arguments = parser.parse_args()
-    rows: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+    rows: dict[str, Any] = read("effects_on_policies", {})
     for name in arguments.policies or POLICIES_OF:
         found = {} if arguments.again else rows.get(name, {})
         for effect in ("none", *EFFECTS):
             if effect not in found:
                 found[effect] = measured(name, None if effect == "none" else effect)
                 rows[name] = found
-                FILE.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+                write("effects_on_policies", None, rows)
                 mean = "-" if found[effect] is None else f"{np.mean(found[effect]):.4g}"
                 print(f"{name}, {effect}: {mean}", flush=True)
-        FILE.with_suffix(".md").write_text(table(rows), encoding="utf-8")
+        write("effects_on_policies", told(rows))
 
 
 if __name__ == "__main__":

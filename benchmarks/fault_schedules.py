@@ -10,7 +10,6 @@ are and how a run is judged is in ``tests/hw/test_fault_schedules.py``, which te
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -23,9 +22,10 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from benchmarks.speed import RESULTS
+from sealegs.common.errors import SealegsError
 
-ROOT = Path(__file__).resolve().parents[1]
+from benchmarks.kept import CHECKOUT, RESULTS, Kept, command, page, study, table, write
+
 FIRST, NUMBER = 1000, 300
 LONGEST = 300  # characters of a finding that are kept
 TEST = "tests/hw/test_fault_schedules.py::test_no_run_ends_with_torque_on_unsaid_or_a_false_alarm"
@@ -46,7 +46,7 @@ def run(first: int, number: int, processes: int) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.xml"
         words = [sys.executable, "-m", "pytest", "-q", "-n", str(processes), "--tb=short", f"--junitxml={file}", TEST]
-        subprocess.run(words, cwd=ROOT, env={**os.environ, "SEALEGS_SCHEDULES": f"{first} {number}"}, check=False)
+        subprocess.run(words, cwd=CHECKOUT, env={**os.environ, "SEALEGS_SCHEDULES": f"{first} {number}"}, check=False)
         found = []
         for case in Xml.parse(file).getroot().iter("testcase"):
             kind, seed = re.findall(r"\[(\w+)-(\d+)\]", case.get("name", ""))[0]
@@ -56,27 +56,20 @@ def run(first: int, number: int, processes: int) -> list[Row]:
         return found
 
 
-def table(rows: list[Row]) -> str:
+def told(rows: list[Row]) -> str:
     """The results as a page of Markdown."""
     runs, bad = Counter(row["kind"] for row in rows), Counter(row["kind"] for row in rows if row["finding"])
     dates = sorted({row["date"] for row in rows})
-    lines = [
-        "# Fault schedules",
-        "",
+    cells = [(what, runs[kind], bad[kind]) for kind, what in ROBOTS.items()]
+    return page(
+        "Fault schedules",
         f"{len(rows)} runs in simulated time under faults drawn at random, with the seeds {spans(rows)}; "
         f"{' and '.join(dates)}. `python -m benchmarks.fault_schedules`",
-        "",
         "A finding is a run that ends with torque on and nothing said, names a servo at its last word that is released "
         "and answers, leaves a log that does not read back, or does not name a fault that certainly shows.",
-        "",
-        "| robot | runs | findings |",
-        "|---|---|---|",
-        *(f"| {what} | {runs[kind]} | {bad[kind]} |" for kind, what in ROBOTS.items()),
-        f"| all | {len(rows)} | {bad.total()} |",
-        "",
-    ]
-    lines += [f"Seed {row['seed']} ({row['kind']}): {row['finding']}\n" for row in rows if row["finding"]]
-    return "\n".join(lines)
+        table(("robot", "runs", "findings"), [*cells, ("all", len(rows), bad.total())]),
+        *(f"Seed {row['seed']} ({row['kind']}): {row['finding']}" for row in rows if row["finding"]),
+    )
 
 
 def spans(rows: list[Row]) -> str:
@@ -87,9 +80,10 @@ def spans(rows: list[Row]) -> str:
     return ", ".join(f"{start} to {end}" for start, end in zip(starts, ends, strict=True))
 
 
+@study
 def main() -> int:
     """Run, print, and write what was found; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fault_schedules", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("first", nargs="?", type=int, default=FIRST, help="seed")
     parser.add_argument("number", nargs="?", type=int, default=NUMBER, help="of seeds")
     parser.add_argument("--processes", type=int, default=2)
@@ -97,18 +91,13 @@ def main() -> int:
     try:
         found = run(arguments.first, arguments.number, arguments.processes)
     except (FileNotFoundError, Xml.ParseError):
-        print("The runs did not begin; what pytest said is above.", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("Stopped; nothing is written.", file=sys.stderr)
-        return 130
-    file = RESULTS / "fault_schedules.jsonl"
-    rows = {row["seed"]: row for row in map(json.loads, file.read_text().splitlines())} if file.is_file() else {}
-    rows |= {row["seed"]: row for row in found}
+        raise SealegsError("The runs did not begin; what pytest said is above.") from None
+    kept = Kept(RESULTS / "fault_schedules.jsonl")
+    rows = {row["seed"]: row for row in (*kept.rows, *found)}
     ordered = [rows[seed] for seed in sorted(rows)]
-    file.write_text("".join(json.dumps(row) + "\n" for row in ordered), encoding="utf-8")
-    file.with_suffix(".md").write_text(page := table(ordered), encoding="utf-8")
-    print("\n" + page)
+    kept.file.write_text("".join(json.dumps(row) + "\n" for row in ordered), encoding="utf-8")
+    write("fault_schedules", told(ordered))
+    print("\n" + told(ordered))
     return int(any(row["finding"] for row in found))
 
 

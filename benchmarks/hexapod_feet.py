@@ -9,8 +9,6 @@ gait's lift held at the least that lifts feet as a gait is to: what that would c
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 
 import numpy as np
@@ -20,12 +18,10 @@ from sealegs.envs.hexapod.gait import MODULATED
 from sealegs.envs.hexapod.parameters import LEGS
 from sealegs.envs.hexapod.robot import foot
 
-from benchmarks import study
-from benchmarks.learned_hexapod import Act, Moved, unchanged, walked
-from benchmarks.policies_on_the_bus import POLICIES
-from benchmarks.speed import RESULTS
+from benchmarks.kept import POLICIES, command, page, read, study, table, write
+from benchmarks.learned import GAIT
+from benchmarks.rollouts import Act, Moved, walked
 
-FILE = RESULTS / "hexapod_feet.json"
 HEIGHT, SLIP = 20.0, 0.05  # [mm] and share of the way, what a gait is to reach; slip as of the walkers
 HELD = 0.03  # [m] of the gait's lift: feet sink, and lag behind
 WINDOW, SEED = 12.0, 40_000
@@ -80,7 +76,7 @@ def measure(name: str) -> dict[str, float]:
     """Figures of the reference gait, or of a policy."""
     seed = name.removesuffix(HIGHER)
     act, description = load_policy(POLICIES / "hexapod" / ("seed0" if seed == REFERENCE else seed))
-    chosen: Act = held(act) if name.endswith(HIGHER) else unchanged if seed == REFERENCE else act
+    chosen: Act = held(act) if name.endswith(HIGHER) else GAIT if seed == REFERENCE else act
     feet = Feet()
     found = walked(
         description["env"], description["actuators"], chosen, starts=1, window=WINDOW, seed=SEED, watch=feet
@@ -93,43 +89,38 @@ def measure(name: str) -> dict[str, float]:
     }
 
 
-def table(rows: dict[str, dict[str, float]]) -> str:
+def told(rows: dict[str, dict[str, float]]) -> str:
     """The rows as a page of Markdown."""
-    lines = [
-        "# Feet of the hexapod",
-        "",
+    cells = (
+        (name, f"{row['swings, median [mm]']:.1f} mm", f"{row['slip over the way']:.1%}",
+         f"{row['specific resistance']:.2f}", f"{row['speed [cm/s]']:.2f}",
+         "yes" if row["swings, median [mm]"] >= HEIGHT else "**no**",
+         "yes" if row["slip over the way"] < SLIP else "**no**")
+        for name, row in rows.items()
+    )  # fmt: skip
+    return page(
+        "Feet of the hexapod",
         f"{WINDOW:g} s from one start, at 3 cm/s with the drives of the training. A gait lifts feet over {HEIGHT:g} mm "
         f"and slides less than {SLIP:.0%} of the way. Lift held: the policy with the gait's lift at "
         f"{1e3 * HELD:g} mm at least. `python -m benchmarks.hexapod_feet`",
-        "",
-        "| gait | swings | slip | specific resistance | speed [cm/s] | lifts | slides little |",
-        "|---|---|---|---|---|---|---|",
-        *(
-            f"| {name} | {row['swings, median [mm]']:.1f} mm | {row['slip over the way']:.1%} | "
-            f"{row['specific resistance']:.2f} | {row['speed [cm/s]']:.2f} | "
-            f"{'yes' if row['swings, median [mm]'] >= HEIGHT else '**no**'} | "
-            f"{'yes' if row['slip over the way'] < SLIP else '**no**'} |"
-            for name, row in rows.items()
-        ),
-    ]
-    return "\n".join(lines) + "\n"
+        table(("gait", "swings", "slip", "specific resistance", "speed [cm/s]", "lifts", "slides little"), cells),
+    )
 
 
 @study
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.hexapod_feet", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
-    again = parser.parse_args().again
-    rows = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() and not again else {}
+    rows = {} if parser.parse_args().again else read("hexapod_feet", {})
     seeds = sorted(path.parent.name for path in POLICIES.glob("hexapod/*/policy.json"))
     for name in (REFERENCE, *seeds, *(f"{seed}{HIGHER}" for seed in seeds)):
         if name in rows:
             continue
         rows[name] = measure(name)
         print(f"{name}: {rows[name]}", flush=True)
-        FILE.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    FILE.with_suffix(".md").write_text(table(rows), encoding="utf-8")
+        write("hexapod_feet", None, rows)
+    write("hexapod_feet", told(rows))
 
 
 if __name__ == "__main__":

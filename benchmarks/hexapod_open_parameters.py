@@ -8,8 +8,8 @@ dry/viscous), and walks at 3 cm/s with the three joint frictions of Fig. 12; the
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 from sealegs.common.errors import SealegsError
@@ -18,7 +18,9 @@ from sealegs.envs.hexapod.parameters import NUMBERS
 from sealegs.papers.hexapod.measures import drawing
 from sealegs.papers.hexapod.paper import BREAKAWAY_AT_REST, WALKING, Machine, chains_with, stand_unpowered
 
-OUT = Path(__file__).parent / "results" / "hexapod_open_parameters.md"
+from benchmarks.kept import RESULTS, command, study, table
+
+OUT = RESULTS / "hexapod_open_parameters.md"
 SPEED = 0.03  # [m/s] the fastest of the paper: its cycle is the shortest
 STOOD = 2.0  # [s]
 STEPS = (0.00025, 0.0005, 0.001, 0.002)  # [s]
@@ -125,8 +127,11 @@ COLUMNS = (
 )
 
 
+@study
 def main() -> None:
     """Write both tables."""
+    command(__doc__).parse_args()
+    np.seterr(all="ignore")
     OUT.write_text(HEAD, encoding="utf-8")
 
     def say(line: str) -> None:
@@ -134,7 +139,7 @@ def main() -> None:
         with OUT.open("a", encoding="utf-8") as page:
             page.write(line + "\n")
 
-    head = f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|"
+    head = table(COLUMNS, ())
     say(f"\n## Physics step\n\n{head}")
     for step in STEPS:
         say(_cells(f"{1e3 * step:g} ms", {}, {}, {}, Tripod(SPEED), step))
@@ -144,5 +149,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    np.seterr(all="ignore")
-    main()
+    sys.exit(main())

@@ -11,12 +11,9 @@ else an effect has (ripple count, stiffness of teeth), and writes ``hidden_drawn
 
 from __future__ import annotations
 
-import argparse
-import json
-import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,12 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.kept import RESULTS, Kept, command, study
+
 if TYPE_CHECKING:
     from sealegs.gap.measure.named import NamedCause
     from sealegs.gap.search.result import Search
     from sealegs.gap.verdict.verdict import JointDiagnosis
 
-RESULTS = Path(__file__).parent / "results"
 REPORTED_SEED = 1020
 TOLERANCE = 0.05  # up to which the nominal numbers may be wrong without that being a finding
 NULLS = 40
@@ -148,17 +146,7 @@ def run(case: Case, look_on: bool = False, **recording: Any) -> dict[str, Any]:
             "predicted": found.structure.predicted,
             "depends_on": [name for name, _ in found.structure.depends_on],
         },
-        "causes": [
-            {
-                "name": cause.name,
-                "kind": cause.kind,
-                "share": cause.share,
-                "confidence": cause.confidence,
-                "rivals": list(cause.rivals),
-                "parameters": {path: [v.value, v.low, v.high, v.nominal] for path, v in cause.parameters.items()},
-            }
-            for cause in found.causes
-        ]
+        "causes": [row_of(cause) for cause in found.causes]
         + [
             {
                 "name": error.name,
@@ -184,10 +172,14 @@ def row_of(cause: NamedCause) -> dict[str, Any]:
     """A named cause as benches keep it."""
     return {
         "name": cause.name,
-        "confidence": cause.confidence,
+        "joint": cause.joint,
+        "kind": cause.kind,
         "share": cause.share,
+        "gain": cause.gain,
+        "confidence": cause.confidence,
+        "standing": cause.standing,
         "rivals": list(cause.rivals),
-        "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
+        "parameters": {path: [v.value, v.low, v.high, v.nominal, v.unit] for path, v in cause.parameters.items()},
     }
 
 
@@ -299,7 +291,7 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
         cause = next((c for c in row["causes"] if c["name"] == name and path in c["parameters"]), None)
         if cause is None or true is None:
             return None
-        value, low, high, _ = cause["parameters"][path]
+        value, low, high, *_ = cause["parameters"][path]
         truth = true(effect["value"], lambda key, nominal: row["factors"][key] * nominal)
         return low <= truth <= high, abs(value - truth) / abs(truth)
     return None
@@ -347,9 +339,18 @@ def within_tolerance(row: dict[str, Any]) -> bool:
     return bool(factors) and all(abs(factor - 1.0) <= TOLERANCE for factor in factors)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def said(row: dict[str, Any]) -> str:
+    """A case in a line."""
+    names = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
+    return f"{outcome(row)}; {row['verdict']}: {names}"
+
+
+@study
+def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden", description=(__doc__ or "").split("\n")[0])
+    from benchmarks.hidden_report import write_bench
+
+    parser = command(__doc__)
     parser.add_argument("--effects", nargs="+", help="names, 'null' and 'pairs'; default: all")
     parser.add_argument("--magnitudes", nargs="+", default=["clear", "moderate", "faint"])
     parser.add_argument("--seeds", type=int, default=1, help="cases per effect and magnitude")
@@ -364,42 +365,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, help="kept cases, the summary beside it; default: hidden.jsonl or hidden_drawn.jsonl"
     )
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     wanted = options.effects or [*all_names(), "null", "pairs"]
-    options.out = options.out or RESULTS / ("hidden_drawn.jsonl" if options.drawn else "hidden.jsonl")
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
-    have = {row["key"] for row in kept}
+    kept = Kept(options.out or RESULTS / ("hidden_drawn.jsonl" if options.drawn else "hidden.jsonl"))
     every = cases(wanted, options.magnitudes, options.seeds, options.first, drawn=options.drawn)
-    todo = [case for case in every if case.key not in have]
-    now = revision()
-    if (old := {row.get("revision", "?") for row in kept} - {now}) and todo:
-        print(f"{options.out} holds cases of revision {', '.join(sorted(old))}, this is {now}: name another file.")
+    todo, now = [case for case in every if case.key not in kept], revision()
+    if (old := {row.get("revision", "?") for row in kept.rows} - {now}) and todo:
+        print(f"{kept.file} holds cases of revision {', '.join(sorted(old))}, this is {now}: name another file.")
         return 2
-    try:
-        for number, row in enumerate(_results(todo, options.jobs, options.look_on), 1):
-            kept.append(row)
-            with options.out.open("a") as file:
-                file.write(json.dumps(row) + "\n")
-            names = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
-            said = f"{outcome(row)}; {row['verdict']}: {names} ({row['seconds']:.0f} s)"
-            print(f"{number}/{len(todo)} {row['key']}: {said}", flush=True)
-    except KeyboardInterrupt:
-        print(f"Stopped; {len(kept)} cases are kept in {options.out}; run the same command to go on.", file=sys.stderr)
-        return 130
-    from benchmarks.hidden_report import write
-
-    print(write(kept, options.out.with_suffix("")))
+    kept.run(partial(run, look_on=options.look_on), todo, said, options.jobs)
+    print(write_bench(kept.rows, kept.file.with_suffix("")))
     return 0
-
-
-def _results(todo: Sequence[Case], jobs: int, look_on: bool) -> Iterable[dict[str, Any]]:
-    one = partial(run, look_on=look_on)
-    if jobs <= 1:
-        yield from map(one, todo)
-        return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(one, todo)
 
 
 if __name__ == "__main__":

@@ -7,24 +7,23 @@ keys: ``python -m benchmarks.hidden_arm two_link friction``. Seeds below 900 are
 
 from __future__ import annotations
 
-import json
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from sealegs.gap.finder.diagnosis import diagnose
 
 from benchmarks.hidden import revision, row_of
+from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
 from testbed.arm import ARMS, record_arm
 from testbed.arm_effects import EFFECTS, STRANGERS
 from testbed.logs import hidden_arm
 
-RESULTS = Path(__file__).parent / "results"
 FIRST_SEED = 900
 SURE = 0.9
 """Confidence from which a wrong name counts as wrong with confidence."""
@@ -140,7 +139,7 @@ def covered(rows: Sequence[dict[str, Any]]) -> list[bool]:
                 continue
             for cause in item["causes"]:
                 if cause["name"] == hidden["cause"]:
-                    ends = [(low, high) for _, low, high in cause["parameters"].values()]
+                    ends = [(low, high) for _, low, high, *_ in cause["parameters"].values()]
                     found.append(len(ends) == 1 and ends[0][0] <= true_number(row, joint) <= ends[0][1])
     return found
 
@@ -171,54 +170,46 @@ def shares(rows: Sequence[dict[str, Any]]) -> list[str]:
     return [*lines, f"- revision of gap, actuators and the plant: {', '.join(made)}"]
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def named(row: dict[str, Any]) -> str:
+    """What was named at the joints of an arm."""
+    return "; ".join(
+        f"{joint}: " + ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in item["causes"])
+        for joint, item in row["joints"].items()
+        if item["causes"]
+    )
+
+
+def told(rows: Sequence[dict[str, Any]]) -> str:
     """The results as Markdown: one line per arm."""
-    counts: dict[str, int] = {}
-    for row in rows:
-        counts[outcome(row)] = counts.get(outcome(row), 0) + 1
-    lines = [
-        "# Hidden effects on arms",
-        "",
+    counts = Counter(outcome(row) for row in rows)
+    cells = (
+        (row["key"], outcome(row), named(row) or "-", f"{row['seconds'] / max(len(row['joints']), 1):.0f}")
+        for row in rows
+    )
+    return page(
+        "Hidden effects on arms",
         f"{len(rows)} of {sum(1 for _ in cases())} arms with two or six joints, at 10 kHz, whose plant shares no code "
         "with the project (`testbed/arm_physics.py`); nominal numbers are 5 % wrong. Made by "
         "`python -m benchmarks.hidden_arm`, which can be stopped and goes on. Right: the hidden cause is the first at "
         "its joint, and none is named with "
         f"{SURE:g} or more at another. Flagged: a stranger's joint is said to be open. Quiet: nothing is named with "
         f"{SURE:g} or more where nothing is hidden.",
-        "",
         ", ".join(f"{name} {count}" for name, count in sorted(counts.items())) + f" of {len(rows)} arms.",
-        "",
-        *shares(rows),
-        "",
-        "| arm | outcome | what was named | s per joint |",
-        "|---|---|---|---|",
-    ]
-    for row in rows:
-        named = "; ".join(
-            f"{joint}: " + ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in item["causes"])
-            for joint, item in row["joints"].items()
-            if item["causes"]
-        )
-        seconds = row["seconds"] / max(len(row["joints"]), 1)
-        lines.append(f"| {row['key']} | {outcome(row)} | {named or '-'} | {seconds:.0f} |")
-    return "\n".join(lines) + "\n"
+        "\n".join(shares(rows)),
+        table(("arm", "outcome", "what was named", "s per joint"), cells),
+    )
 
 
-def main(words: Sequence[str]) -> None:
+@study
+def main() -> None:
     """Run what is not done yet of the cases whose keys hold all words, and write the page of all that is done."""
-    kept = RESULTS / "hidden_arm.jsonl"
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    done = {row["key"] for row in rows}
-    for case in cases():
-        if case.key in done or not all(word in case.key for word in words):
-            continue
-        rows.append(run(case))
-        with kept.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-        print(case.key, outcome(rows[-1]), f"{rows[-1]['seconds']:.0f} s", flush=True)
-    (RESULTS / "hidden_arm.md").write_text(page(rows), encoding="utf-8")
-    print(np.unique([outcome(row) for row in rows], return_counts=True))
+    parser = command(__doc__)
+    parser.add_argument("words", nargs="*", help="of the keys of cases; default: all")
+    words, kept = parser.parse_args().words, Kept(RESULTS / "hidden_arm.jsonl")
+    kept.run(run, [c for c in cases() if c.key not in kept and all(word in c.key for word in words)], outcome)
+    write("hidden_arm", told(kept.rows))
+    print(Counter(outcome(row) for row in kept.rows))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

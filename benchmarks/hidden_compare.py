@@ -8,17 +8,14 @@ interval. Can be stopped and goes on.
 
 from __future__ import annotations
 
-import argparse
 import json
-import multiprocessing
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden import Case, all_names, revision, run
-
-RESULTS = Path(__file__).parent / "results"
+from benchmarks.kept import RESULTS, Kept, command, page, side_by_side, study, table, write
 
 
 def case_of(row: dict[str, Any]) -> Case:
@@ -68,8 +65,8 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
             found.append(f"{b['name']} has gained {', '.join(sorted(added))}")
         if a.get("rivals", []) != b.get("rivals", []):
             found.append(f"rivals of {a['name']}: {a.get('rivals') or '-'} → {b.get('rivals') or '-'}")
-        for path, (value, low, high, _) in a["parameters"].items():
-            other, other_low, other_high, _ = b["parameters"].get(path, (float("nan"),) * 4)
+        for path, (value, low, high, *_) in a["parameters"].items():
+            other, other_low, other_high, *_ = b["parameters"].get(path, (float("nan"),) * 3)
             if not (low <= other <= high and other_low <= value <= other_high):
                 found.append(
                     f"{path}: {value:.4g} [{low:.4g}, {high:.4g}] → {other:.4g} [{other_low:.4g}, {other_high:.4g}]"
@@ -77,11 +74,10 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@study
+def main() -> int:
     """Command line; the status is 1 where a case differs."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.hidden_compare", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = command(__doc__)
     parser.add_argument("--like", type=Path, default=RESULTS / "hidden_drawn.json", help="the earlier run")
     parser.add_argument("--sample", type=int, default=42, help="how many of its cases")
     parser.add_argument("--nulls", type=int, help="how many of them are nulls; default: one in seven")
@@ -91,46 +87,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, default=RESULTS / "hidden_compare.jsonl", help="kept cases, the page beside it"
     )
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     cases = json.loads(options.like.read_text())["cases"]
     rows = sample(cases, options.sample, options.nulls, options.magnitudes, 2 * options.pairs)
     by_key = {row["key"]: row for row in rows}
-    lines = options.out.read_text().splitlines() if options.out.exists() else []
-    ran = {row["key"]: row for row in map(json.loads, lines)}  # of each case the last
-    kept = [row for key, row in ran.items() if key in by_key]
-    have = {row["key"] for row in kept if row["revision"] == revision()}
+    kept = Kept(options.out)
+    ran = {row["key"]: row for row in kept.rows if row["key"] in by_key}  # of each case the last
+    have = {key for key, row in ran.items() if row["revision"] == revision()}
     todo = [case_of(row) for row in sorted(rows, key=lambda row: row["seconds"]) if row["key"] not in have]
-    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        for row in pool.imap_unordered(run, todo):
-            kept = [other for other in kept if other["key"] != row["key"]] + [row]
-            with options.out.open("a") as file:
-                file.write(json.dumps(row) + "\n")
-            said = "; ".join(differences(by_key[row["key"]], row)) or "same"
-            print(f"{len(kept)}/{len(rows)} {row['key']}: {said} ({row['seconds']:.0f} s)", flush=True)
-            options.out.with_suffix(".md").write_text(page(kept, by_key))
-    return 0 if all(not differences(by_key[row["key"]], row) for row in kept) else 1
+    for row in side_by_side(run, todo, options.jobs):
+        kept.add(row)
+        ran[row["key"]] = row
+        said = "; ".join(differences(by_key[row["key"]], row)) or "same"
+        print(f"{len(ran)}/{len(rows)} {row['key']}: {said} ({row['seconds']:.0f} s)", flush=True)
+        write(options.out.with_suffix(""), told(list(ran.values()), by_key))
+    return 0 if all(not differences(by_key[key], row) for key, row in ran.items()) else 1
 
 
-def page(kept: Sequence[dict[str, Any]], by_key: dict[str, dict[str, Any]]) -> str:
+def told(kept: Sequence[dict[str, Any]], by_key: dict[str, dict[str, Any]]) -> str:
     """The page about the cases that were run so far."""
-    table = [(row["key"], differences(by_key[row["key"]], row)) for row in sorted(kept, key=lambda row: row["key"])]
-    same = sum(not found for _, found in table)
+    rows = [(row["key"], differences(by_key[row["key"]], row)) for row in sorted(kept, key=lambda row: row["key"])]
+    same = sum(not found for _, found in rows)
     earlier, now = (", ".join(sorted({row["revision"] for row in rows})) for rows in (by_key.values(), kept))
-    return "\n".join(
-        [
-            "# The finder before and after a change of the code",
-            "",
-            f"{same} of {len(table)} cases of revision {earlier} are the same in {now}: verdict, causes in order, "
-            f"their rivals and parameters, each value within the other's interval. {len(by_key)} are the sample: the "
-            "quickest of their kind.",
-            "",
-            "Made by `python -m benchmarks.hidden_compare`, which can be stopped and goes on.",
-            "",
-            "| case | difference |",
-            "|---|---|",
-            *(f"| {key} | {'; '.join(found) or 'none'} |" for key, found in table),
-            "",
-        ]
+    return page(
+        "The finder before and after a change of the code",
+        f"{same} of {len(rows)} cases of revision {earlier} are the same in {now}: verdict, causes in order, "
+        f"their rivals and parameters, each value within the other's interval. {len(by_key)} are the sample: the "
+        "quickest of their kind.",
+        "Made by `python -m benchmarks.hidden_compare`, which can be stopped and goes on.",
+        table(("case", "difference"), ((key, "; ".join(found) or "none") for key, found in rows)),
     )
 
 

@@ -9,8 +9,7 @@ file that ``--out`` names. Seeds below 900 are for development. Those of 2900 to
 
 from __future__ import annotations
 
-import argparse
-import json
+import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden import RESULTS, SURE, revision, row_of
+from benchmarks.hidden import SURE, revision, row_of
+from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
 from testbed.everyday import Drawn, drawn
 from testbed.everyday.machines import BENCH
 from testbed.everyday.recorded import effect_of_each
@@ -145,7 +145,7 @@ def named_first(row: Mapping[str, Any], joint: str) -> tuple[str, dict[str, Any]
 def holds(row: Mapping[str, Any], effect: Mapping[str, Any], cause: Mapping[str, Any]) -> bool:
     """Whether the interval of a cause holds the size of an effect."""
     believed, real = row["tip_mass"]
-    for path, (_, low, high) in cause["parameters"].items():
+    for path, (_, low, high, *_) in cause["parameters"].items():
         number = path.rsplit("|", 1)[-1].rstrip("*")
         if effect["name"] == "payload":
             told = {"mass_factor": real / believed, "payload": real - believed}
@@ -246,25 +246,17 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, int, int]]:
     ]  # fmt: skip
 
 
-def page(rows: Sequence[Mapping[str, Any]]) -> str:
+def told(rows: Sequence[Mapping[str, Any]]) -> str:
     """The results as Markdown."""
     made = sorted({row["revision"] for row in rows})
-    lines = [
-        "# Everyday machines",
-        "",
-        f"{len(rows)} machines with three to six effects at once (`testbed/everyday`), as a hobbyist records them; "
-        "nominal numbers are 5 % wrong. Made by `python -m benchmarks.hidden_everyday`, which can be stopped and goes "
-        f"on. Revision of gap, actuators and testbed: {', '.join(made)}.",
-        "",
-        "| | found | of | |",
-        "|---|---|---|---|",
-        *(f"| {what} | {good} | {count} | {good / max(count, 1):.0%} |" for what, good, count in figures(rows)),
+    found: list[tuple[object, ...]] = [
+        (what, good, count, f"{good / max(count, 1):.0%}") for what, good, count in figures(rows)
     ]
     for name in dict.fromkeys(row["key"].split()[0] for row in rows):
         took = [row["seconds"] for row in rows if row["key"].startswith(f"{name} ")]
-        lines.append(f"| seconds of a diagnosis, {name}, median | {np.median(took):.0f} | | |")
+        found.append((f"seconds of a diagnosis, {name}, median", f"{np.median(took):.0f}", "", ""))
     head = ("machine", "joint", "hidden, largest first [mrad]", "named", "fresh motion: nominal, extended [mrad]")
-    lines += ["", f"| {' | '.join(head)} |", "|---|---|---|---|---|"]
+    cells = []
     for row in rows:
         for joint, item in row["joints"].items():
             moved = row["moved"].get(joint, [])
@@ -274,15 +266,21 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
             named = [f"{c['name']} {c['confidence']:.2f} ({c['share']:.0%})" for c in item["causes"]]
             errors = row["fresh"].get(joint)
             fresh = "-" if errors is None else f"{1e3 * errors['nominal']:.1f}, {1e3 * errors['extended']:.1f}"
-            lines.append(
-                f"| {row['key']} | {joint} | {', '.join(hidden) or '-'} | {', '.join(named) or '-'} | {fresh} |"
-            )
-    return "\n".join(lines) + "\n"
+            cells.append((row["key"], joint, ", ".join(hidden) or "-", ", ".join(named) or "-", fresh))
+    return page(
+        "Everyday machines",
+        f"{len(rows)} machines with three to six effects at once (`testbed/everyday`), as a hobbyist records them; "
+        "nominal numbers are 5 % wrong. Made by `python -m benchmarks.hidden_everyday`, which can be stopped and goes "
+        f"on. Revision of gap, actuators and testbed: {', '.join(made)}.",
+        table(("", "found", "of", ""), found),
+        table(head, cells),
+    )
 
 
+@study
 def main() -> None:
     """Run what is not done yet, and write the page of all that is done."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("--count", type=int, default=COUNT, help="machines, the first ones")
     parser.add_argument("--seed", type=int, default=FIRST, help="of the first machine")
     parser.add_argument("--only", default="", help="words of the machines' names")
@@ -290,22 +288,14 @@ def main() -> None:
     chosen = parser.parse_args()
     if chosen.seed != FIRST and chosen.out.parent == RESULTS:
         parser.error("another draw needs --out, so that the results stay those of the reported seeds.")
-    kept: Path = chosen.out
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    done = {row["key"] for row in rows}
-    for number in range(chosen.count):
-        case = drawn(number, chosen.seed + number)
-        key = f"{case.name} {case.kind} #{case.seed}"
-        if key in done or chosen.only not in key:
-            continue
-        rows.append(run(number, case.seed))
-        with kept.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-        told = {joint: right_first(rows[-1], joint) for joint in rows[-1]["moved"]}
-        print(key, told, f"{rows[-1]['seconds']:.0f} s", flush=True)
-    kept.with_suffix(".md").write_text(page(rows), encoding="utf-8")
-    print(*(f"{what}: {good} of {count}" for what, good, count in figures(rows)), sep="\n")
+    kept = Kept(chosen.out)
+    machines = [drawn(number, chosen.seed + number) for number in range(chosen.count)]
+    keys = [f"{case.name} {case.kind} #{case.seed}" for case in machines]
+    todo = [(k, machines[k].seed) for k, key in enumerate(keys) if key not in kept and chosen.only in key]
+    kept.run(lambda case: run(*case), todo, lambda row: str({joint: right_first(row, joint) for joint in row["moved"]}))
+    write(kept.file.with_suffix(""), told(kept.rows))
+    print(*(f"{what}: {good} of {count}" for what, good, count in figures(kept.rows)), sep="\n")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

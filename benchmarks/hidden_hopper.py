@@ -7,8 +7,6 @@ development.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from collections import Counter
@@ -16,7 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.hidden import REPORTED_SEED, RESULTS, Case, outcome
+from benchmarks.hidden import REPORTED_SEED, Case, outcome, row_of
+from benchmarks.kept import RESULTS, Kept, command, study, table, write
 from testbed import hidden_hopper
 from testbed.hopper import HOPPER_EFFECTS, HOPPER_STRANGERS, MAGNITUDES, Servo
 
@@ -62,19 +61,7 @@ def run(case: Case) -> dict[str, Any]:
         "verdict": min((one.verdict for one in found), key=WORST_FIRST.index),
         "joints": {one.joint: {"verdict": one.verdict, "sentence": one.text} for one in found},
         "gap": {f"{one.joint}.{name}": error.rmse for one in found for name, error in one.gap.items()},
-        "causes": [
-            {
-                "name": cause.name,
-                "joint": cause.joint,
-                "kind": cause.kind,
-                "share": cause.share,
-                "gain": cause.gain,
-                "confidence": cause.confidence,
-                "rivals": list(cause.rivals),
-                "parameters": {path: [v.value, v.low, v.high, v.nominal] for path, v in cause.parameters.items()},
-            }
-            for cause in causes
-        ],
+        "causes": [row_of(cause) for cause in causes],
     }
 
 
@@ -96,7 +83,7 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
         path, scale = TRUE_VALUES[name]
         cause = next((c for c in row["causes"] if c["name"] == name and path in c["parameters"]), None)
         if cause is not None:
-            value, low, high, _ = cause["parameters"][path]
+            value, low, high, *_ = cause["parameters"][path]
             truth = effect["value"] * scale
             return low <= truth <= high, abs(value - truth) / abs(truth)
     return None
@@ -104,8 +91,7 @@ def coverage(row: dict[str, Any]) -> tuple[bool, float] | None:
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
     """Outcomes by effect and magnitude, and every case, as markdown."""
-    lines = ["| hidden | outcomes | interval covers the truth | relative error |", "|---|---|---|---|"]
-    groups: dict[str, list[dict[str, Any]]] = {}
+    cells, groups = [], dict[str, list[dict[str, Any]]]()
     for row in rows:
         groups.setdefault(row["key"].rpartition(" #")[0] or "null", []).append(row)
     for name, mine in groups.items():
@@ -113,41 +99,33 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         covered = [c for row in mine if (c := coverage(row)) is not None]
         inside = f"{sum(c[0] for c in covered)} of {len(covered)}" if covered else ""
         error = f"{100 * max(c[1] for c in covered):.1f} % at most" if covered else ""
-        lines.append(f"| {name} | {', '.join(f'{k} {n}' for k, n in counts.items())} | {inside} | {error} |")
-    return "\n".join(lines) + "\n"
+        cells.append((name, ", ".join(f"{k} {n}" for k, n in counts.items()), inside, error))
+    return table(("hidden", "outcomes", "interval covers the truth", "relative error"), cells) + "\n"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def said(row: dict[str, Any]) -> str:
+    """A case in a line."""
+    return f"{worth(row)}; " + (
+        ", ".join(f"{c['joint']} {c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
+    )
+
+
+@study
+def main() -> None:
     """Command line."""
     every = [*HOPPER_EFFECTS, *HOPPER_STRANGERS, "null"]
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.hidden_hopper", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = command(__doc__)
     parser.add_argument("--effects", nargs="+", default=every, help="names, and 'null'; default: all")
     parser.add_argument("--magnitudes", nargs="+", default=["clear", "moderate", "faint"])
     parser.add_argument("--seeds", type=int, default=1, help="cases per effect and magnitude")
     parser.add_argument("--first", type=int, default=REPORTED_SEED, help="seed of the first; below 900 for development")
     parser.add_argument("--out", type=Path, default=RESULTS / "hidden_hopper.jsonl", help="kept cases")
-    options = parser.parse_args(arguments)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
-    have = {row["key"] for row in kept}
-    todo = [c for c in cases(options.effects, options.magnitudes, options.seeds, options.first) if c.key not in have]
-    try:
-        for number, case in enumerate(todo, 1):
-            row = run(case)
-            kept.append(row)
-            with options.out.open("a") as file:
-                file.write(json.dumps(row) + "\n")
-            names = ", ".join(f"{c['joint']} {c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
-            print(f"{number}/{len(todo)} {row['key']}: {worth(row)}; {names} ({row['seconds']:.0f} s)", flush=True)
-    except KeyboardInterrupt:
-        print(f"Stopped; {len(kept)} cases are kept in {options.out}; run the same command to go on.", file=sys.stderr)
-        return 130
-    text = summary(kept)
-    options.out.with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
-    return 0
+    options = parser.parse_args()
+    kept = Kept(options.out)
+    todo = [c for c in cases(options.effects, options.magnitudes, options.seeds, options.first) if c.key not in kept]
+    kept.run(run, todo, said)
+    write(options.out.with_suffix(""), summary(kept.rows))
+    print(summary(kept.rows))
 
 
 if __name__ == "__main__":

@@ -7,8 +7,6 @@ kept in ``hidden_imu.jsonl`` beside it, so that it can be stopped and resumed. T
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -20,8 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from sealegs.gap.finder.imu import diagnose_imu
 
-from benchmarks import study
-from benchmarks.speed import RESULTS
+from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
 from testbed.logs import measured_run
 from testbed.quadruped import BoughtImu, record_walker
 
@@ -87,44 +84,37 @@ def right(row: Mapping[str, Any]) -> bool:
     return hidden.size is None or size is None or abs(size - float(whole or 0.0)) < WITHIN[hidden.code]
 
 
-def table(rows: list[dict[str, Any]]) -> str:
+def told(rows: list[dict[str, Any]]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# Effects hidden in the IMU of a walking robot",
-        "",
+    of = {name: [row for row in rows if row["case"] == name] for name in CASES}
+    return page(
+        "Effects hidden in the IMU of a walking robot",
         f"Of each {SEEDS} walks, two runs of 6 s. Right: the finding that was hidden, within a third of its size; "
         "false: any other. `python -m benchmarks.hidden_imu`",
-        "",
-        "| hidden | walks | right | false |",
-        "|---|---|---|---|",
-    ]
-    for name, hidden in CASES.items():
-        of_case = [row for row in rows if row["case"] == name]
-        false = sum(bool(set(row["found"]) - {hidden.code}) for row in of_case)
-        lines.append(f"| {name} | {len(of_case)} | {sum(map(right, of_case))} | {false} |")
-    return "\n".join(lines) + "\n"
+        table(
+            ("hidden", "walks", "right", "false"),
+            ((name, len(own), sum(map(right, own)), sum(bool(set(row["found"]) - {CASES[name].code}) for row in own))
+             for name, own in of.items()),
+        ),
+    )  # fmt: skip
 
 
 @study
 def main() -> None:
     """Run what is missing, write the page."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.hidden_imu", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS, help=f"of each case; default: {SEEDS}")
     parser.add_argument("--first", type=int, default=FIRST_SEED, help=f"seed; default: {FIRST_SEED}")
     parser.add_argument("--out", type=Path, default=FILE, help="where finished cases are kept")
     arguments = parser.parse_args()
-    lines = arguments.out.read_text(encoding="utf-8").splitlines() if arguments.out.is_file() else []
-    rows = [json.loads(line) for line in lines]
-    done = {(row["case"], row["seed"]) for row in rows}
+    kept = Kept(arguments.out, lambda row: (row["case"], row["seed"]))
     for seed in range(arguments.first, arguments.first + arguments.seeds):
         for name in CASES:
-            if (name, seed) not in done:
-                rows.append(judged(name, seed))
-                with arguments.out.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(rows[-1]) + "\n")
-                print(rows[-1], flush=True)
-    arguments.out.with_suffix(".md").write_text(table(rows), encoding="utf-8")
-    print(table(rows))
+            if (name, seed) not in kept:
+                kept.add(judged(name, seed))
+                print(kept.rows[-1], flush=True)
+    write(arguments.out.with_suffix(""), told(kept.rows))
+    print(told(kept.rows))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
-"""The hidden bench's cases as a table, a confusion matrix and a picture."""
+"""The hidden bench's cases as a table, and what was named for what was hidden."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from benchmarks.hidden import SURE, all_names, bounded, coverage, outcome, within_tolerance
+from benchmarks.kept import page, table, write
 
 OUTCOMES = ("right", "rival", "not identifiable", "nothing", "unsure", "wrong")
 AT_THE_NOISE = 1.2
@@ -28,20 +28,16 @@ MEANING = {
 }
 
 
-def write(rows: Sequence[dict[str, Any]], path: Path) -> str:
-    """Write ``<path>.json``, ``.md`` and ``.png``.
+def write_bench(rows: Sequence[dict[str, Any]], path: Path) -> str:
+    """Write ``<path>.json`` and ``.md``.
 
     Returns:
         The summary as markdown.
     """
     rows = sorted(rows, key=lambda row: row["key"])
-    text = "# The finder against the hidden bench\n\n" + summary(rows) + "\n" + table(rows)
-    path.with_suffix(".md").write_text(text, encoding="utf-8")
-    names, matrix = confusion(rows)
     cases = [{key: value for key, value in row.items() if key != "record"} for row in rows]
-    document = {"named": names, "confusion": {k: v.tolist() for k, v in matrix.items()}, "cases": cases}
-    path.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    picture(names, matrix, path.with_suffix(".png"))
+    text = page("The finder against the hidden bench", summary(rows), "## Cases", in_lines(rows))
+    write(path, text, {"confusion": confusion(rows), "cases": cases})
     return summary(rows)
 
 
@@ -137,16 +133,10 @@ def counts(rows: Sequence[dict[str, Any]]) -> dict[str, tuple[int, int]]:
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
     """How often which outcome, as markdown."""
-    lines = [
-        "| hidden | cases | " + " | ".join(MEANING[o] for o in OUTCOMES) + " |",
-        "|---" * (len(OUTCOMES) + 2) + "|",
-    ]
-    for size in ("clear", "moderate", "faint"):
-        mine = [row for row in rows if kind(row) == size]
-        if mine:
-            count = Counter(outcome(row) for row in mine)
-            lines.append(f"| {size} | {len(mine)} | " + " | ".join(str(count[o]) for o in OUTCOMES) + " |")
-    lines.append("")
+    by_size = {size: [row for row in rows if kind(row) == size] for size in ("clear", "moderate", "faint")}
+    worth = {size: Counter(outcome(row) for row in mine) for size, mine in by_size.items() if mine}
+    cells = ((size, count.total(), *(count[o] for o in OUTCOMES)) for size, count in worth.items())
+    lines = [table(("hidden", "cases", *(MEANING[o] for o in OUTCOMES)), cells), ""]
     found = counts(rows)
     if hollow := [row for row in rows if kind(row) in ("clear", "moderate", "faint") and within_tolerance(row)]:
         keys = ", ".join(f"{row['key']} ({outcome(row)})" for row in hollow)
@@ -221,7 +211,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     )
     if revisions := sorted({row["revision"] for row in rows if "revision" in row}):
         lines.append(f"- revision of gap, actuators and the plant: {', '.join(revisions)}")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def most_absorbed(rows: Sequence[dict[str, Any]]) -> float:
@@ -230,14 +220,10 @@ def most_absorbed(rows: Sequence[dict[str, Any]]) -> float:
     return max(row["gap"]["extended"] / row["gap"]["noise_floor"] for row in absorbed)
 
 
-def table(rows: Sequence[dict[str, Any]]) -> str:
+def in_lines(rows: Sequence[dict[str, Any]]) -> str:
     """Every case in a line, as markdown."""
-    lines = [
-        "## Cases",
-        "",
-        "| hidden | outcome | verdict | named (confidence) | error / noise: nominal, extended | structure left |",
-        "|---|---|---|---|---|---|",
-    ]
+    heads = ("hidden", "outcome", "verdict", "named (confidence)", "error / noise: nominal, extended", "structure left")
+    cells = []
     for row in rows:
         size = kind(row)
         result = outcome(row) if size in ("clear", "moderate", "faint") else "-"
@@ -248,48 +234,16 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         )
         rest: dict[str, Any] = row.get("structure") or {"noticed": False}
         said = "-" if not rest["noticed"] else f"{rest['level']:.2f}: {', '.join(rest['depends_on']) or 'no signal'}"
-        lines.append(f"| {row['key']} | {result} | {row['verdict']} | {causes} | {errors} | {said} |")
-    return "\n".join(lines) + "\n"
+        cells.append((row["key"], result, row["verdict"], causes, errors, said))
+    return table(heads, cells)
 
 
-def confusion(rows: Sequence[dict[str, Any]]) -> tuple[list[str], dict[str, np.ndarray]]:
-    """What was named first for what was hidden: columns, and one row of counts per hidden effect."""
-    none, undecided = "(nothing)", "(not identifiable)"
-    seen = sorted({name for row in rows for name in named(row)[:1]} - set(all_names()))
-    columns = [*(name for name in all_names() if not name.startswith("stranger")), *seen, undecided, none]
-    matrix = {name: np.zeros(len(columns), int) for name in [*all_names(), "null"]}
+def confusion(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """How often which name came first, by what was hidden."""
+    counts = {name: Counter[str]() for name in (*all_names(), "null")}
     for row in rows:
-        if len(row["effects"]) > 1:
-            continue
-        hidden = next(iter(row["effects"]), "null")
-        first = named(row)[:1] or [none if row["verdict"] == "nothing to explain" else undecided]
-        answer = undecided if row["verdict"] == "not identifiable" else first[0]
-        matrix[hidden][columns.index(answer)] += 1
-    return columns, matrix
-
-
-def picture(columns: Sequence[str], matrix: dict[str, np.ndarray], path: Path) -> None:
-    """The confusion matrix as a picture."""
-    from matplotlib.figure import Figure
-
-    hidden = [name for name, row in matrix.items() if row.any()]
-    if not hidden:
-        return
-    values = np.stack([matrix[name] for name in hidden])
-    figure = Figure(figsize=(12, 0.3 * len(hidden) + 3.5), layout="constrained")
-    axes = figure.subplots()
-    axes.imshow(np.where(values, values, np.nan), cmap="Blues", vmin=0, vmax=values.max(), aspect="auto")
-    for i, j in zip(*np.nonzero(values), strict=True):
-        axes.text(
-            j,
-            i,
-            str(values[i, j]),
-            ha="center",
-            va="center",
-            color="white" if values[i, j] > values.max() / 2 else "black",
-        )
-    axes.set_xticks(range(len(columns)), columns, rotation=90)
-    axes.set_yticks(range(len(hidden)), hidden)
-    axes.set_xlabel("named first")
-    axes.set_ylabel("hidden")
-    figure.savefig(path, dpi=110)
+        if len(row["effects"]) <= 1:
+            undecided = "nothing" if row["verdict"] == "nothing to explain" else "not identifiable"
+            first = named(row)[:1] if row["verdict"] != "not identifiable" else []
+            counts[next(iter(row["effects"]), "null")][first[0] if first else undecided] += 1
+    return {hidden: dict(found) for hidden, found in counts.items() if found}

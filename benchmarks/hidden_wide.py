@@ -8,9 +8,6 @@ can be stopped and goes on. Seeds below 900 are for development.
 
 from __future__ import annotations
 
-import argparse
-import json
-import multiprocessing
 import sys
 import time
 from collections import Counter
@@ -21,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibration import calibration_error, is_right, picture
-from benchmarks.hidden import RESULTS, SURE, hides, limits_of, revision
+from benchmarks.hidden import SURE, hides, limits_of, revision, row_of
+from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
 
 FIRST = 1800
 NAMED = 0.6
@@ -60,16 +58,7 @@ def run(seed: int) -> dict[str, Any]:
         "model": found.model,
         "gap": {name: error.rmse for name, error in found.gap.items()},
         "fresh": _fresh(seed, found.values) if found.problem is not None else {},
-        "causes": [
-            {
-                "name": cause.name,
-                "confidence": cause.confidence,
-                "standing": cause.standing,
-                "rivals": list(cause.rivals),
-                "parameters": {path: [v.value, v.low, v.high] for path, v in cause.parameters.items()},
-            }
-            for cause in found.causes
-        ],
+        "causes": [row_of(cause) for cause in found.causes],
         "limits": limits_of(found),
         "structure": None if found.structure is None else found.structure.level,
         "open": [[cause.name, cause.standing] for cause in found.open_causes],
@@ -142,46 +131,29 @@ def worse_than_nominal(row: Mapping[str, Any]) -> bool:
 # --- report ------------------------------------------------------------------------------------------------------
 
 
-def page(rows: Sequence[Mapping[str, Any]]) -> str:
+def told(rows: Sequence[Mapping[str, Any]]) -> str:
     """Figures and cases, as markdown."""
     rows = sorted(rows, key=lambda row: int(row["key"][1:]))
     count, results = len(rows), Counter(outcome(row) for row in rows)
     fresh = [row for row in rows if row["fresh"]]
     worse = sum(map(worse_than_nominal, fresh))
     faulty = [row for row in rows if row["fault"]]
-    told = sum(bool(set(FAULT_CODES[row["fault"]]) & set(row["codes"])) for row in faulty)
+    noticed = sum(bool(set(FAULT_CODES[row["fault"]]) & set(row["codes"])) for row in faulty)
     seconds = np.array([row["seconds"] for row in rows])
     named = sum(len(row["causes"]) for row in rows)
     good = results["right"] + results["open"]
-    lines = [
-        "# Hidden effects, a wide prior",
-        "",
-        f"{count} benches with motors, gears, loads, rates, lengths and noise drawn anew for each "
-        "(`testbed/wide.py`). Made by `python -m benchmarks.hidden_wide`, which can be stopped and goes on.",
-        "",
-        "| | wanted | measured |",
-        "|---|---|---|",
-        f"| right or honestly open | 95 % | {good} of {count} ({good / count:.0%}); right {results['right']}, open "
-        f"{results['open']}, missed {results['missed']}, wrong {results['wrong']} |",
-        f"| a false cause named with confidence {SURE:g} or more | at most 1 % | {results['confidently wrong']} of "
-        f"{count} |",
-        f"| model worse than the nominal one on a fresh run | at most 1 % | {worse} of {len(fresh)} |",
-        f"| calibration error of confidences | under 5 points | {100 * calibration_error(rows):.1f} points over "
-        f"{named} named causes |",
-        f"| faults of recording named | | {told} of {len(faulty)} |",
-        f"| time per diagnosis | at most 120 s | median {np.median(seconds):.0f} s, largest {seconds.max():.0f} s |",
-        "",
-        f"Revisions of gap, actuators and testbed: {', '.join(sorted({row['revision'] for row in rows}))}. Right: a "
-        f"hidden cause is named and no false one with {NAMED:g} or more, or nothing is hidden and nothing named. Open: "
-        "left to the next experiment, or too small to show by the limit that the diagnosis gives. Missed: nothing to "
-        f"explain, though the effect moves the position by more than {VISIBLE:g} noise floors and its limit.",
-        "",
-        "![reliability](hidden_wide.png)",
-        "",
-        "| case | outcome | hidden (noise floors) | fault | runs | verdict | named (confidence) | fresh run: nominal, "
-        "extended / noise |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    figures = (
+        ("right or honestly open", "95 %", f"{good} of {count} ({good / count:.0%}); right {results['right']}, open "
+         f"{results['open']}, missed {results['missed']}, wrong {results['wrong']}"),
+        (f"a false cause named with confidence {SURE:g} or more", "at most 1 %",
+         f"{results['confidently wrong']} of {count}"),
+        ("model worse than the nominal one on a fresh run", "at most 1 %", f"{worse} of {len(fresh)}"),
+        ("calibration error of confidences", "under 5 points",
+         f"{100 * calibration_error(rows):.1f} points over {named} named causes"),
+        ("faults of recording named", "", f"{noticed} of {len(faulty)}"),
+        ("time per diagnosis", "at most 120 s", f"median {np.median(seconds):.0f} s, largest {seconds.max():.0f} s"),
+    )  # fmt: skip
+    cells = []
     for row in rows:
         hidden = ", ".join(f"{n} ({e['noise_floors']:.1f})" for n, e in row["effects"].items()) or "-"
         causes = ", ".join(f"{c['name']} ({c['confidence']:.2f})" for c in row["causes"]) or "-"
@@ -189,44 +161,46 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         runs = f"{recorder['runs']} x {recorder['duration']:g} s, {1 / recorder['period']:.0f} Hz"
         runs += "" if recorder["load_known"] else ", load unknown"
         errors = f"{after['nominal'] / after['noise']:.1f}, {after['extended'] / after['noise']:.1f}" if after else "-"
-        lines.append(
-            f"| {row['key']} | {outcome(row)} | {hidden} | {row['fault'] or '-'} | {runs} | {row['verdict']} | "
-            f"{causes} | {errors} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.hidden_wide", description=(__doc__ or "").split("\n")[0]
+        cells.append((row["key"], outcome(row), hidden, row["fault"] or "-", runs, row["verdict"], causes, errors))
+    heads = ("case", "outcome", "hidden (noise floors)", "fault", "runs", "verdict", "named (confidence)",
+             "fresh run: nominal, extended / noise")  # fmt: skip
+    return page(
+        "Hidden effects, a wide prior",
+        f"{count} benches with motors, gears, loads, rates, lengths and noise drawn anew for each "
+        "(`testbed/wide.py`). Made by `python -m benchmarks.hidden_wide`, which can be stopped and goes on.",
+        table(("", "wanted", "measured"), figures),
+        f"Revisions of gap, actuators and testbed: {', '.join(sorted({row['revision'] for row in rows}))}. Right: a "
+        f"hidden cause is named and no false one with {NAMED:g} or more, or nothing is hidden and nothing named. Open: "
+        "left to the next experiment, or too small to show by the limit that the diagnosis gives. Missed: nothing to "
+        f"explain, though the effect moves the position by more than {VISIBLE:g} noise floors and its limit.",
+        "![reliability](hidden_wide.png)",
+        table(heads, cells),
     )
+
+
+def said(row: Mapping[str, Any]) -> str:
+    """A case in a line."""
+    causes = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
+    hidden = ", ".join(f"{n} {e['noise_floors']:.1f}" for n, e in row["effects"].items()) or "-"
+    return f"{outcome(row)}; {hidden} [{row['fault']}] -> {row['verdict']}: {causes}"
+
+
+@study
+def main() -> None:
+    """Command line."""
+    parser = command(__doc__)
     parser.add_argument("--cases", type=int, default=120, help="how many")
     parser.add_argument("--first", type=int, default=FIRST, help="seed of the first; below 900 for development")
     parser.add_argument("--jobs", type=int, default=1, help="cases at a time")
     parser.add_argument("--out", type=Path, default=RESULTS / "hidden_wide.jsonl", help="kept cases")
     parser.add_argument("--report", action="store_true", help="only write the page of what is kept")
-    options = parser.parse_args(arguments)
-    kept = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
-    have = {row["key"] for row in kept}
-    todo = [seed for seed in range(options.first, options.first + options.cases) if f"#{seed}" not in have]
-    try:
-        with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-            for row in pool.imap_unordered(run, [] if options.report else todo):
-                kept.append(row)
-                with options.out.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-                causes = ", ".join(f"{c['name']} {c['confidence']:.2f}" for c in row["causes"]) or "-"
-                hidden = ", ".join(f"{n} {e['noise_floors']:.1f}" for n, e in row["effects"].items()) or "-"
-                said = f"{outcome(row)}; {hidden} [{row['fault']}] -> {row['verdict']}: {causes}"
-                print(f"{len(kept)} {row['key']}: {said} ({row['seconds']:.0f} s)", flush=True)
-    except KeyboardInterrupt:
-        print(f"Stopped; {len(kept)} cases are kept in {options.out}; the same command goes on.", file=sys.stderr)
-        return 130
-    options.out.with_suffix(".md").write_text(page(kept))
-    picture({"hidden_wide": kept}, options.out.with_suffix(".png"))
-    print(page(kept).partition("\n![")[0])
-    return 0
+    options = parser.parse_args()
+    kept = Kept(options.out)
+    seeds = [] if options.report else range(options.first, options.first + options.cases)
+    kept.run(run, [seed for seed in seeds if f"#{seed}" not in kept], said, options.jobs)
+    write(kept.file.with_suffix(""), told(kept.rows))
+    picture({"hidden_wide": kept.rows}, kept.file.with_suffix(".png"))
+    print(told(kept.rows).partition("\n![")[0])
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ the first 2 s left out).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -19,7 +19,9 @@ from sealegs.common.errors import SealegsError
 from sealegs.envs.hopper.parameters import NUMBERS
 from sealegs.papers.hopper.paper import CHAINS, PRINTED, Legs, measure
 
-OUT = Path(__file__).parent / "results" / "hopper_open_parameters.md"
+from benchmarks.kept import RESULTS, command, study, table
+
+OUT = RESULTS / "hopper_open_parameters.md"
 SECONDS = 8.0
 UPPER = (0.088, 0.092, 0.096, 0.100, 0.104, 0.108, 0.112, 0.116)
 LOWER = (0.084, 0.088, 0.092, 0.096, 0.100)
@@ -66,11 +68,13 @@ def row(label: str, params: Mapping[str, float] | None = None, servo: Chain | No
 
 def head(title: str) -> None:
     """Start a table."""
-    say(f"\n## {title}\n\n| | with: Hz | cm | m/s | without: Hz | cm | m/s | rms error |\n{'|---' * 8}|")
+    say(f"\n## {title}\n\n{table(('', 'with: Hz', 'cm', 'm/s', 'without: Hz', 'cm', 'm/s', 'rms error'), ())}")
 
 
+@study
 def main() -> None:
     """Write all tables."""
+    command(__doc__).parse_args()
     OUT.write_text(HEAD, encoding="utf-8")
     head("Lengths of upper and lower link [m]")
     for upper in UPPER:
@@ -106,4 +110,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -7,7 +7,6 @@ about now, or *wrong*, which is a line that gives other numbers. With ``--write`
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -22,9 +21,10 @@ from sealegs.common.errors import SealegsError
 from sealegs.gap.log.importers import Recording, propose_for
 from sealegs.gap.log.importers.expression import evaluate
 
+from benchmarks.kept import DATA, RESULTS, command, study
+
 HEADERS = Path(__file__).resolve().with_suffix(".yaml")
-RESULTS = HEADERS.parent / "results" / "import_headers.json"
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+WRITTEN = RESULTS / "import_headers.json"
 REAL = (
     "ak80_pendulum/ddp.csv", "double_pendulum/sys_id_00.parquet", "emps/DATA_EMPS.mat", "so101_arm/chirp_sweep.parquet",
     "xl330_pendulum/xl330_kp100_sin_sin.csv", "xl330_pendulum/raw_2026-01-15_10h28m10.json",
@@ -139,17 +139,18 @@ def compared(before: dict[str, Any], now: dict[str, Any], recordings: dict[str, 
     return out
 
 
-def main(arguments: list[str] | None = None) -> int:
+@study
+def main() -> int:
     """Compare with the file, or write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("--write", action="store_true", help="write what is proposed now as what is right")
-    chosen = parser.parse_args(arguments)
+    chosen = parser.parse_args()
     now, recordings = proposals()
     if chosen.write:
-        RESULTS.write_text(json.dumps(now, indent=1, ensure_ascii=False) + "\n")
-        print(f"{len(now)} headers in {RESULTS}")
+        WRITTEN.write_text(json.dumps(now, indent=1, ensure_ascii=False) + "\n")
+        print(f"{len(now)} headers in {WRITTEN}")
         return 0
-    before = json.loads(RESULTS.read_text())
+    before = json.loads(WRITTEN.read_text())
     found = compared(before, now, recordings)
     for verdict, what in found:
         if verdict != "understood":

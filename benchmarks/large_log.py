@@ -1,6 +1,6 @@
 """Memory and time of diagnosing logs from a hundred thousand to ten million rows.
 
-    python -m benchmarks.large_log                         writes benchmarks/results/large_log.{json,md,png}
+    python -m benchmarks.large_log                         writes benchmarks/results/large_log.{json,md}
     python -m benchmarks.large_log --rows 300000           one size
 
 Each log is recorded by a virtual bench whose gearbox loses torque under load; its motion changes kind every minute and
@@ -27,7 +27,8 @@ from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 from sealegs.gap.replay.joint_model import JointModel
 
-RESULTS = Path(__file__).parent / "results"
+from benchmarks.kept import RESULTS, command, page, study, table, write
+
 ROWS = (120_000, 1_000_000, 10_000_000)
 RATE = 200.0  # [Hz]
 STRETCH = 90.0  # [s] of one kind of motion
@@ -88,15 +89,15 @@ def stretches(rows: int, seed: int = 0) -> Iterator[dict[str, np.ndarray]]:
         made += count
 
 
-def write(path: Path, rows: int) -> None:
+def record(path: Path, rows: int) -> None:
     """Write one log with its sidecar."""
     writer: Any = None
     for columns in stretches(rows):
-        table = pa.table(columns)
+        part = pa.table(columns)
         if writer is None:
             make = arrow_csv.CSVWriter if path.suffix == ".csv" else parquet.ParquetWriter
-            writer = make(path, table.schema)
-        writer.write_table(table)
+            writer = make(path, part.schema)
+        writer.write_table(part)
     writer.close()
     sidecar = {"robot": "bench", "robot_params": LOAD, "actuators": {"servo": CHAIN}}
     path.with_suffix(".yaml").write_text(yaml.safe_dump(sidecar))
@@ -130,72 +131,50 @@ def measure(path: Path) -> dict[str, Any]:
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@study
+def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.large_log", description=(__doc__ or "").split("\n")[0])
+    parser = command(__doc__)
     parser.add_argument("--rows", type=int, nargs="+", default=list(ROWS))
     parser.add_argument("--format", choices=("csv", "parquet"), default="csv")
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--out", type=Path, default=RESULTS / "large_log")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     if options.measure is not None:
         print(json.dumps(measure(options.measure)))
-        return 0
+        return
     results = []
-    try:
-        for rows in options.rows:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / f"log.{options.format}"
-                write(path, rows)
-                size = path.stat().st_size / 2**20
-                command = [sys.executable, "-m", "benchmarks.large_log", "--measure", str(path)]
-                done = subprocess.run(command, capture_output=True, text=True, check=True)
-            results.append({"rows": rows, "file_mib": size, **json.loads(done.stdout.splitlines()[-1])})
-            print(json.dumps(results[-1]), flush=True)
-    except KeyboardInterrupt:
-        print("Stopped; nothing is written.", file=sys.stderr)
-        return 130
-    report(results, options.out)
-    return 0
+    for rows in options.rows:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"log.{options.format}"
+            record(path, rows)
+            size = path.stat().st_size / 2**20
+            words = [sys.executable, "-m", "benchmarks.large_log", "--measure", str(path)]
+            done = subprocess.run(words, capture_output=True, text=True, check=True)
+        results.append({"rows": rows, "file_mib": size, **json.loads(done.stdout.splitlines()[-1])})
+        print(json.dumps(results[-1]), flush=True)
+    write(options.out, told(results), results)
 
 
-def report(results: Sequence[dict[str, Any]], out: Path) -> None:
-    """Write the table and the picture."""
-    from sealegs.gap.output.pictures.style import EXTENDED, figure, styled
-
-    out.with_suffix(".json").write_text(json.dumps(list(results), indent=1) + "\n")
-    lines = [
-        "# Diagnosing long logs (`python -m benchmarks.large_log`)",
-        "",
-        "Peak memory of a process that reads and diagnoses one log of a virtual bench (hidden: friction.load = "
-        f"{HIDDEN['friction.load']}). `held` are the rows that were replayed; causes with their confidence.",
-        "",
-        "| rows | file [MiB] | held | peak, reading [MiB] | peak [MiB] | reading [s] | processor time [s] | named |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+def told(results: Sequence[dict[str, Any]]) -> str:
+    """The page."""
+    cells = []
     for row in results:
         value = row["friction.load"]
         causes = [f"{name} ({confidence:.2f})" for name, (_, confidence) in row["causes"].items()]
         named = ", ".join(causes) + (f" {value[0]:.3f} [{value[1]:.3f}, {value[2]:.3f}]" if value else "")
-        lines.append(
-            f"| {row['rows']:,} | {row['file_mib']:.0f} | {row['held_rows']:,} | {row['reading_mib']:.0f} | "
-            f"{row['peak_mib']:.0f} | {row['reading_s']:.0f} | {row['cpu_s']:.0f} | {named} |"
-        )
-    out.with_suffix(".md").write_text("\n".join(lines) + "\n")
-
-    @styled
-    def draw() -> None:
-        chart = figure(5.2, 3.2)
-        axes = chart.subplots()
-        rows = [row["rows"] for row in results]
-        axes.semilogx(rows, [row["peak_mib"] for row in results], "o-", color=EXTENDED, label="reading and diagnosis")
-        axes.semilogx(rows, [row["reading_mib"] for row in results], "s--", color="#8c8c8c", label="reading alone")
-        axes.set(xlabel="rows of the log", ylabel="peak memory [MiB]")
-        axes.set_ylim(0, None)
-        axes.legend()
-        chart.savefig(out.with_suffix(".png"))
-
-    draw()
+        cells.append((
+            f"{row['rows']:,}", f"{row['file_mib']:.0f}", f"{row['held_rows']:,}", f"{row['reading_mib']:.0f}",
+            f"{row['peak_mib']:.0f}", f"{row['reading_s']:.0f}", f"{row['cpu_s']:.0f}", named,
+        ))  # fmt: skip
+    heads = ("rows", "file [MiB]", "held", "peak, reading [MiB]", "peak [MiB]", "reading [s]", "processor time [s]",
+             "named")  # fmt: skip
+    return page(
+        "Diagnosing long logs (`python -m benchmarks.large_log`)",
+        "Peak memory of a process that reads and diagnoses one log of a virtual bench (hidden: friction.load = "
+        f"{HIDDEN['friction.load']}). `held` are the rows that were replayed; causes with their confidence.",
+        table(heads, cells),
+    )
 
 
 if __name__ == "__main__":

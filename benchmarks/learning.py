@@ -4,7 +4,7 @@
     python -m benchmarks.learning hexapod --minutes 9   stop after that time; the same command goes on
     python -m benchmarks.learning hexapod --no-train    only measure and draw what is there
 
-Each seed is a run of ``train.py`` with the arguments in ``benchmarks/learned_<robot>.py``, in
+Each seed is a run of ``train.py`` with the arguments in ``benchmarks/learned.py``, in
 ``runs/learning-<robot>/seed<k>``. Its best policy, config and evaluations go to ``policies/<robot>/seed<k>``; a seed
 that is there stays as it is, and is measured. ``benchmarks/results/learning_<robot>.{md,json,png}`` hold figures, the
 curve with its mean and the 95 % interval of that mean, and what was to be reached.
@@ -12,9 +12,6 @@ curve with its mean and the 95 % interval of that mean, and what was to be reach
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import json
 import os
 import shutil
 import signal
@@ -23,55 +20,24 @@ import sys
 import time
 import zipfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any
 
 import numpy as np
 import yaml
 from scipy import stats
-from sealegs.agents.config import TrainConfig, read_config, train_config
+from sealegs.agents.config import train_config
 from sealegs.agents.policy_files import policy_step
 from sealegs.agents.seeds import Curve, read_curve
 from sealegs.common.errors import SealegsError
 from sealegs.configs.script import Interrupted, run
 
-REPOSITORY = Path(__file__).resolve().parents[1]
-RESULTS = Path(__file__).parent / "results"
-ROBOTS = ("hexapod", "biped", "biped_hopping", "leg", "arm")
+from benchmarks.kept import CHECKOUT, POLICIES, RESULTS, command, page, table, write
+from benchmarks.learned import LEARNED, Bar, asked
+
 KEPT = ("policy.safetensors", "model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy
 RECORDS = ("config.yaml", "actuators.yaml", "evaluations.npz")  # of its run
-
-
-@dataclass(frozen=True)
-class Bar:
-    """A figure to be reached: in words, what came out, and whether it is reached."""
-
-    wanted: str
-    found: str
-    holds: bool
-
-
-class Learned(Protocol):
-    """What ``benchmarks/learned_<robot>.py`` holds.
-
-    Attributes:
-        TRAINING: arguments of ``train.py``, without seed, name and out.
-    """
-
-    TRAINING: Sequence[str]
-
-    def reference(self) -> dict[str, float]:
-        """Figures of the reference controller, named with their units; its ``reward``, if any, is drawn."""
-        ...
-
-    def measure(self, policy: Path) -> dict[str, float]:
-        """The same figures of a policy."""
-        ...
-
-    def bars(self, rows: Sequence[dict[str, float]], reference: dict[str, float]) -> list[Bar]:
-        """What is to be reached, given the figures of all seeds."""
-        ...
 
 
 def interval(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,13 +82,6 @@ def train(training: Sequence[str], seed: int, runs: Path, target: Path, until: f
     os.replace(writing, target)
 
 
-def asked(training: Sequence[str]) -> TrainConfig:
-    """The config that arguments of ``train.py`` make."""
-    config = read_config(training).config
-    assert config is not None
-    return config
-
-
 def same_config(folder: Path, training: Sequence[str]) -> None:
     """Check that a run or a kept policy comes from these arguments, whatever its seed.
 
@@ -151,8 +110,8 @@ def without_machine(source: Path, target: Path) -> None:
 
 def _run(arguments: Sequence[str], until: float | None) -> None:
     """``train.py`` in a session of its own, so that it hears of a stop once, from here."""
-    command = [sys.executable, str(REPOSITORY / "train.py"), *arguments]
-    process = subprocess.Popen(command, cwd=REPOSITORY, start_new_session=True)
+    words = [sys.executable, str(CHECKOUT / "train.py"), *arguments]
+    process = subprocess.Popen(words, cwd=CHECKOUT, start_new_session=True)
     try:
         status = process.wait(None if until is None else max(until - time.monotonic(), 0.0))
     except (subprocess.TimeoutExpired, KeyboardInterrupt):
@@ -189,7 +148,7 @@ def picture(robot: str, curve: Curve, reference: dict[str, float], path: Path) -
     figure.savefig(path, dpi=120)
 
 
-def page(
+def told(
     robot: str,
     training: Sequence[str],
     rows: dict[int, dict[str, float]],
@@ -199,26 +158,20 @@ def page(
     """The study as markdown."""
     names = list(next(iter(rows.values())))
     mean, half = interval(np.array([[row[name] for name in names] for row in rows.values()]))
-    lines = [
-        f"# Learned {robot}",
-        "",
+    alone = [("reference controller", *(f"{reference[name]:.4g}" if name in reference else "-" for name in names))]
+    cells = [
+        *(alone if reference else []),
+        *((f"seed {k}", *(f"{row[name]:.4g}" for name in names)) for k, row in rows.items()),
+        ("mean and its 95 % interval",
+         *(f"{m:.4g} ± {h:.2g}" if h > 1e-9 else f"{m:.4g}" for m, h in zip(mean, half, strict=True))),
+    ]  # fmt: skip
+    return page(
+        f"Learned {robot}",
         f"`python train.py {' '.join(training)} seed=<k>`, the best policy of each seed in `policies/{robot}`; "
         f"curve in `learning_{robot}.png`. Made by `python -m benchmarks.learning {robot}`.",
-        "",
-        "| | reached | wanted |",
-        "|---|---|---|",
-        *(f"| {'yes' if bar.holds else '**no**'} | {bar.found} | {bar.wanted} |" for bar in bars),
-        "",
-        "| | " + " | ".join(names) + " |",
-        "|---" * (len(names) + 1) + "|",
-    ]
-    if reference:
-        cells = [f"{reference[name]:.4g}" if name in reference else "-" for name in names]
-        lines.append("| reference controller | " + " | ".join(cells) + " |")
-    lines += [f"| seed {k} | " + " | ".join(f"{row[name]:.4g}" for name in names) + " |" for k, row in rows.items()]
-    cells = [f"{m:.4g} ± {h:.2g}" if h > 1e-9 else f"{m:.4g}" for m, h in zip(mean, half, strict=True)]
-    lines.append("| mean and its 95 % interval | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        table(("", "reached", "wanted"), (("yes" if bar.holds else "**no**", bar.found, bar.wanted) for bar in bars)),
+        table(("", *names), cells),
+    )
 
 
 def study(
@@ -232,7 +185,7 @@ def study(
     """Train what is missing, measure and draw; the page as text.
 
     Args:
-        robot: of :data:`ROBOTS`.
+        robot: of :data:`benchmarks.learned.LEARNED`.
         seeds: how many to have trained; others that are there are measured too.
         minutes: after which training stops; None: at its end.
         training: whether to train.
@@ -243,31 +196,30 @@ def study(
         Interrupted: as :func:`train`.
         SealegsError: there is no policy to measure, or a training failed.
     """
-    module = cast(Learned, importlib.import_module(f"benchmarks.learned_{robot}"))
+    learned = LEARNED[robot]
     until = None if minutes is None else time.monotonic() + 60.0 * minutes
     folders = {seed: policies / f"seed{seed}" for seed in range(seeds)}
-    runs = REPOSITORY / "runs" / f"learning-{robot}"
+    runs = CHECKOUT / "runs" / f"learning-{robot}"
     for seed, folder in folders.items():
         if training and not folder.exists():
             print(f"{robot}, seed {seed}", flush=True)
-            train(module.TRAINING, seed, runs, folder, until)
+            train(learned.training, seed, runs, folder, until)
     there = sorted((int(path.name[4:]), path) for path in policies.glob("seed*") if path.name[4:].isdecimal())
     folders = dict(there)
     for folder in folders.values():
-        same_config(folder, module.TRAINING)
+        same_config(folder, learned.training)
     if not folders:
         raise SealegsError(f"{policies} has no policy yet; train some: python -m benchmarks.learning {robot}")
-    reference = module.reference()
+    reference = learned.reference()
     rows: dict[int, dict[str, float]] = {}
     for seed, folder in folders.items():
         print(f"measuring seed {seed}", flush=True)
-        rows[seed] = module.measure(folder)
-    bars = module.bars(list(rows.values()), reference)
+        rows[seed] = learned.measure(folder)
+    bars = learned.bars(list(rows.values()), reference)
     curve = read_curve(list(folders.values()))
-    results.mkdir(parents=True, exist_ok=True)
     mean, half = interval(curve.rewards)
     document: dict[str, Any] = {
-        "training": list(module.TRAINING),
+        "training": list(learned.training),
         "reference": reference,
         "seeds": {str(seed): row for seed, row in rows.items()},
         "bars": [asdict(bar) for bar in bars],
@@ -278,26 +230,23 @@ def study(
             "half_interval": [value if np.isfinite(value) else None for value in half.tolist()],
         },
     }
-    text = page(robot, module.TRAINING, rows, reference, bars)
-    (results / f"learning_{robot}.json").write_text(json.dumps(document, indent=1) + "\n")
-    (results / f"learning_{robot}.md").write_text(text)
+    text = told(robot, learned.training, rows, reference, bars)
+    write(results / f"learning_{robot}", text, document)
     picture(robot, curve, reference, results / f"learning_{robot}.png")
-    if (draw := getattr(module, "draw", None)) is not None:  # the motion itself, where a robot has it drawn
-        draw(next(iter(folders.values())), results / f"learning_{robot}_motion.png")
     return text
 
 
 def main(arguments: list[str]) -> None:
     """Do what the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.learning")
-    parser.add_argument("robot", choices=ROBOTS)
+    parser = command(None)
+    parser.add_argument("robot", choices=LEARNED)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--minutes", type=float, help="stop training after this time")
     parser.add_argument("--no-train", action="store_true", help="only measure and draw")
     parser.add_argument("--policies", type=Path, help="folder of the seeds; default: policies/<robot>")
     parser.add_argument("--results", type=Path, default=RESULTS)
     options = parser.parse_args(arguments)
-    policies = options.policies or REPOSITORY / "policies" / options.robot
+    policies = options.policies or POLICIES / options.robot
     training = not options.no_train
     print(study(options.robot, options.seeds, options.minutes, training, policies, options.results))
 

@@ -13,9 +13,7 @@ that is drawn for each start, which the models know nothing of: a reading is lat
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import sys
 import tempfile
 from collections.abc import Callable
@@ -35,16 +33,13 @@ from sealegs.hw.run.loop import ControlLoop
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import SimulatedPort, bus_in_process
 
-from benchmarks import study
-from benchmarks.policies_on_the_bus import POLICIES
-from benchmarks.speed import RESULTS
+from benchmarks.kept import POLICIES, command, committed, page, read, study, table, write
 
 STARTS = {"ends": 50, "gaps": 20, "hidden": 1}
 SECONDS = (0.3, 8.0)  # of a run that is ended
 COMPARED = 4.0  # [s]
 HELD = 3.0  # [s] for which a robot that is held is watched
 LATENCY = 0.0005  # [s] of the adapter at most: a leg at 500 Hz has 2 ms a cycle
-FILE = RESULTS / "many_starts.json"
 HIDDEN = {
     **dict.fromkeys(("hopper", "biped", "biped_hopping", "arm", "leg"), "delay.seconds: 0.03\n"),
     "hexapod": "dc_motor.resistance: 2.5\n",
@@ -126,20 +121,10 @@ def well(kind: str, row: dict[str, Any]) -> bool:
     return (row["gap"] is not None) == (kind == "hidden")
 
 
-def table(results: dict[str, dict[str, list[dict[str, Any]]]]) -> str:
+def told(results: dict[str, dict[str, list[dict[str, Any]]]]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# Committed policies from many starts",
-        "",
-        "How many runs ended well at a moment drawn between 0.3 and 8 s; how many comparisons with a machine that "
-        "hides nothing told no gap, and their largest ratio of the error found to that accounted for; and whether a "
-        "machine that hides something was told from it. `python -m benchmarks.many_starts`",
-        "",
-        "| policy | ended well | no gap | largest ratio | hidden | told |",
-        "|---|---|---|---|---|---|",
-    ]
-    names = sorted({name for rows in results.values() for name in rows})
-    for name in names:
+    lines = []
+    for name in sorted({name for rows in results.values() for name in rows}):
         cells = [name]
         for kind in ("ends", "gaps"):
             rows = results.get(kind, {}).get(name, [])
@@ -154,28 +139,34 @@ def table(results: dict[str, dict[str, list[dict[str, Any]]]]) -> str:
         rows = results.get("hidden", {}).get(name, [])
         cells.append(f"`{HIDDEN[name.partition('/')[0]].strip()}`" if rows else "")
         cells.append(", ".join("no" if row["gap"] is None else f"{row['gap']:.1f} times" for row in rows))
-        lines.append("| " + " | ".join(cells) + " |")
+        lines.append(cells)
     bad = [
         f"{name}, start {row['start']}: {row.get('said') or row.get('verdict')}"
         for kind, policies in results.items() for name, rows in policies.items() for row in rows if not well(kind, row)
     ]  # fmt: skip
-    return "\n".join([*lines, "", *(bad or ["All as they should."])]) + "\n"
+    return page(
+        "Committed policies from many starts",
+        "How many runs ended well at a moment drawn between 0.3 and 8 s; how many comparisons with a machine that "
+        "hides nothing told no gap, and their largest ratio of the error found to that accounted for; and whether a "
+        "machine that hides something was told from it. `python -m benchmarks.many_starts`",
+        table(("policy", "ended well", "no gap", "largest ratio", "hidden", "told"), lines),
+        "\n".join(bad or ["All as they should."]),
+    )
 
 
 @study
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.many_starts", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("kind", choices=list(STARTS))
     parser.add_argument("policies", nargs="*", help="such as biped/seed0; default: all")
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
     parser.add_argument("--starts", type=int, default=None)
     arguments = parser.parse_args()
     kind, starts = arguments.kind, arguments.starts or STARTS[arguments.kind]
-    results: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
-    names = [f"{path.parent.parent.name}/{path.parent.name}" for path in sorted(POLICIES.glob("*/*/policy.json"))]
+    results: dict[str, Any] = read("many_starts", {})
     one: Callable[..., dict[str, Any]] = {"ends": end, "gaps": gap, "hidden": hidden_gap}[kind]
-    for name in arguments.policies or sorted(names, key=lambda name: (name.partition("/")[2], name)):
+    for name in arguments.policies or committed():
         rows = [] if arguments.again else results.setdefault(kind, {}).get(name, [])
         with tempfile.TemporaryDirectory() as folder:
             policy = Policy(export_policy(POLICIES / name, Path(folder) / "policy.onnx"))
@@ -183,9 +174,9 @@ def main() -> None:
             for start in range(len(rows), starts):
                 rows.append(one(policy, start, *more))
                 results.setdefault(kind, {})[name] = rows
-                FILE.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+                write("many_starts", None, results)
         print(f"{name}: {sum(well(kind, row) for row in rows)} of {len(rows)} {kind} as they should", flush=True)
-        FILE.with_suffix(".md").write_text(table(results), encoding="utf-8")
+        write("many_starts", told(results))
 
 
 if __name__ == "__main__":

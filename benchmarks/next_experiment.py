@@ -11,11 +11,10 @@ can be stopped and goes on.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,8 @@ from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
-RESULTS = Path(__file__).parent / "results" / "next_experiment"
+from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+
 EXPERIMENTS = 2
 POOR = {
     "sine": lambda t: 0.4 * np.sin(2 * np.pi * 0.5 * t),
@@ -113,47 +113,28 @@ def outcome(effect: str, step: dict[str, Any]) -> str:
     return "open" if effect in step["causes"][0][2] and step["causes"][0][1] < 0.9 else "wrong"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@study
+def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.next_experiment", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = command(__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=[12, 13])
     parser.add_argument("--effects", nargs="+", help="default: all")
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    options = parser.parse_args(arguments)
-    kept = options.out.with_suffix(".jsonl")
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
-    have = {row["key"] for row in rows}
-    try:
-        for seed in options.seeds:
-            for effect, kind, size in CASES:
-                key = f"{effect or 'nothing'}:{size} {kind} #{seed}"
-                if key in have or (options.effects and effect not in options.effects):
-                    continue
-                row = run(effect, kind, size, seed)
-                rows.append(row)
-                with kept.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-                print(f"{key}: {' -> '.join(outcome(effect, step) for step in row['steps'])}", flush=True)
-    except KeyboardInterrupt:
-        print(f"Stopped; {len(rows)} cases are kept in {kept}; run the same command to go on.", file=sys.stderr)
-        return 130
-    report(rows, options.out.with_suffix(".md"))
-    return 0
+    parser.add_argument("--out", type=Path, default=RESULTS / "next_experiment")
+    options = parser.parse_args()
+    kept = Kept(options.out.with_suffix(".jsonl"))
+    todo = [
+        (effect, kind, size, seed) for seed in options.seeds for effect, kind, size in CASES
+        if f"{effect or 'nothing'}:{size} {kind} #{seed}" not in kept
+        and not (options.effects and effect not in options.effects)
+    ]  # fmt: skip
+    kept.run(lambda case: run(*case), todo,
+             lambda row: " -> ".join(outcome(row["effect"], step) for step in row["steps"]))  # fmt: skip
+    write(options.out, told(kept.rows))
 
 
-def report(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Write the table."""
-    lines = [
-        "# Next experiment (`python -m benchmarks.next_experiment`)",
-        "",
-        "Hidden effect, poor set, verdict on it, what was proposed and run, and the verdict on all logs together.",
-        "",
-        "| hidden | poor set | at first | proposed | then |",
-        "|---|---|---|---|---|",
-    ]
-    before, after = {}, {}
+def told(rows: Sequence[dict[str, Any]]) -> str:
+    """The page."""
+    cells = []
     for row in rows:
         effect, steps = row["effect"], row["steps"]
         said = []
@@ -163,17 +144,18 @@ def report(rows: Sequence[dict[str, Any]], path: Path) -> None:
         proposed = [step["experiment"] for step in steps[: len(steps) - 1]]
         what = "; ".join(f"{p['name']}, {p['load']['mass']:.3g} kg" for p in proposed) or "–"
         hidden, kind, seed = row["key"].split(" ")
-        lines.append(f"| {hidden} {seed} | {kind} | {said[0]} | {what} | {'; '.join(said[1:]) or '–'} |")
-        for table, step in ((before, steps[0]), (after, steps[-1])):
-            result = outcome(effect, step)
-            table[result] = table.get(result, 0) + 1
-    lines += ["", f"Before: {_counts(before)}. After: {_counts(after)}."]
-    path.write_text("\n".join(lines) + "\n")
-    print(lines[-1])
+        cells.append((f"{hidden} {seed}", kind, said[0], what, "; ".join(said[1:]) or "–"))
+    before, after = (_counts(outcome(row["effect"], row["steps"][k]) for row in rows) for k in (0, -1))
+    return page(
+        "Next experiment (`python -m benchmarks.next_experiment`)",
+        "Hidden effect, poor set, verdict on it, what was proposed and run, and the verdict on all logs together.",
+        table(("hidden", "poor set", "at first", "proposed", "then"), cells),
+        f"Before: {before}. After: {after}.",
+    )
 
 
-def _counts(table: dict[str, int]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in sorted(table.items()))
+def _counts(outcomes: Iterable[str]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in sorted(Counter(outcomes).items()))
 
 
 if __name__ == "__main__":

@@ -5,26 +5,24 @@ Writes ``benchmarks/results/numerics.json`` and the tables of ``docs/numerics.md
 
 from __future__ import annotations
 
-import argparse
-import json
+import math
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, astuple, dataclass, replace
 from typing import Any
 
 import mujoco
+import numba
 import numpy as np
 from sealegs.actuators import Drivetrain, mounting
 from sealegs.actuators.chain import names as chains
 
-from benchmarks.exact_joint import ExactJoint, excitation
+from benchmarks.kept import CHECKOUT, command, study, table, write
 
 HOLD = 0.01  # [s] between commands and samples
 DEFAULT = {"solref": (0.02, 1.0), "solimp": (0.9, 0.95, 0.001, 0.5, 2.0)}  # MuJoCo's own
 TOOTH = 2000.0  # [N.m/rad] of the exact joint's teeth: 0.1 mrad under 0.2 N.m
-RESULTS = Path(__file__).resolve().parent / "results" / "numerics.json"
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "numerics.md"
 STEPS = (0.00025, 0.0005, 0.001, 0.002, 0.0025, 0.004, 0.005)  # [s]
 INTEGRATORS = ("Euler", "implicitfast", "RK4")
 MODEL = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="0 0 -9.81"/><worldbody><body>
@@ -34,7 +32,7 @@ MODEL = """<mujoco><option timestep="{step}" integrator="{integrator}" gravity="
 TEMPLATE = """# Numerics: what a simulation step costs
 
 How large the discretisation error of a simulation is, since it looks like a physical cause. The reference is an exact
-integration at 2 us, in which friction holds a joint exactly at rest (`benchmarks/exact_joint.py`). At 20 us the same
+integration at 2 us, in which friction holds a joint exactly at rest (`benchmarks/numerics.py`). At 20 us the same
 integration differs by {exact_20us:.2f} mrad. The joint is a position servo with 0.5 kg at 0.12 m and 0.06 N.m of
 Coulomb friction. It follows 24 s of chirp, steps, slow triangle and multisine, with a new goal every 10 ms. Noise
 and ticks of a real encoder are {noise_floor:g} mrad rms.
@@ -46,8 +44,6 @@ Written by `python -m benchmarks.numerics`; do not edit.
 "This project" means dry friction with `solref {friction_solref}`, `solimp {friction_solimp}` (`actuators/mounting.py`).
 MuJoCo raises the time constant to twice the step, so friction is as stiff as the step allows.
 
-| integrator | step [ms] | this project [mrad rms] | MuJoCo's default friction row [mrad rms] |
-|---|---|---|---|
 {stiff}
 
 Euler and implicitfast evaluate the law once a step, and its velocity terms late by half a step: which acts as an extra
@@ -65,8 +61,6 @@ The exact teeth are a spring of 2000 N.m/rad; the stiffness of real teeth is a p
 
 A pendulum with 0.55 N.m of gravity, held by 0.7 N.m of dry friction, sinks at
 
-| integrator | step [ms] | this project [mrad/s] | MuJoCo's default [mrad/s] |
-|---|---|---|---|
 {creep}
 
 ## Largest step
@@ -77,10 +71,89 @@ implicitfast) or 2.8 (RK4). For a DC motor `b = k^2 / R` at the joint, so a ligh
 shortest step. The table has the largest step [ms] of those tried (0.25 to {largest:g}) at which each chain
 comes to rest after a step of its goal. *Light* is a link of 20 g at 5 cm, *heavy* the pendulum above.
 
-| chain | {stable_head} |
-{stable_rule}
 {stable}
 """
+
+
+@dataclass(frozen=True)
+class ExactJoint:
+    """A position servo with a pendulum on it; everything at the output shaft.
+
+    It shares no code with :mod:`actuators`: a plain loop at 20 us or less in which a joint that stops is held at rest
+    until the torque exceeds the friction, instead of a friction force smeared over small speeds.
+    """
+
+    gain: float = 5.3  # duty per radian [1/rad]
+    volts: float = 7.4  # [V]
+    motor_constant: float = 0.78  # [N.m/A]
+    resistance: float = 2.0  # [ohm]
+    armature: float = 0.006  # [kg.m2]
+    viscous: float = 0.03  # [N.m.s/rad]
+    coulomb: float = 0.06  # [N.m]
+    mass: float = 0.5  # [kg]
+    length: float = 0.12  # [m]
+    stiffness: float = 0.0  # between motor and link [N.m/rad]; 0: one rigid body
+    damping: float = 0.0  # of that spring [N.m.s/rad]
+    play: float = 0.0  # whole play between motor and link [rad]
+
+    def simulate(self, goal: np.ndarray, hold: float, step: float = 20e-6) -> np.ndarray:
+        """Motor and link position at the start of every hold, shape (n, 2) [rad].
+
+        Args:
+            goal: commands (n,) [rad], each held for ``hold`` [s].
+            hold: time between two commands [s].
+            step: of the integration [s].
+        """
+        return _simulate(np.array(astuple(self)), np.asarray(goal, float), round(hold / step), step)
+
+
+@numba.njit(cache=True)
+def _simulate(parameters, goal, steps, h):  # type: ignore[no-untyped-def]
+    gain, volts, kt, ohm, rotor, viscous, coulomb, mass, length, stiffness, damping, play = parameters
+    link = mass * length**2
+    out = np.empty((len(goal), 2))
+    q, w, lq, lw = goal[0], 0.0, goal[0], 0.0
+    for n in range(len(goal)):
+        out[n, 0], out[n, 1] = q, lq
+        for _ in range(steps):
+            duty = min(max(gain * (goal[n] - q), -1.0), 1.0)
+            push = kt * (volts * duty - kt * w) / ohm - viscous * w
+            if stiffness == 0.0:
+                inertia = rotor + link
+                push -= mass * 9.81 * length * math.sin(lq)
+            else:
+                inertia = rotor
+                twist = q - lq
+                free = max(abs(twist) - 0.5 * play, 0.0)
+                pull = math.copysign(stiffness * free, twist)
+                if free > 0.0 or play == 0.0:
+                    pull += damping * (w - lw)
+                push -= pull
+                lw += h * (pull - mass * 9.81 * length * math.sin(lq)) / link
+                lq += h * lw
+            if w == 0.0 and abs(push) <= coulomb:
+                pass
+            else:
+                way = math.copysign(1.0, w if w != 0.0 else push)
+                new = w + h * (push - way * coulomb) / inertia
+                w = 0.0 if w * new < 0.0 else new  # it stops before it can turn around
+                q += h * w
+            if stiffness == 0.0:
+                lq = q
+    return out
+
+
+def excitation(seconds: float = 24.0, hold: float = 0.01) -> np.ndarray:
+    """Goals [rad] of a log: a chirp, steps, a slow triangle and a multisine, a quarter of the time each."""
+    quarter = round(seconds / 4.0 / hold)
+    t = np.arange(quarter) * hold
+    span = t[-1] + hold
+    chirp = 0.6 * np.sin(2.0 * np.pi * (0.2 * t + (3.0 - 0.2) * t**2 / (2.0 * span)))
+    steps = 0.8 * np.array([0.0, 1.0, -0.5, 0.3, -1.0, 0.1])[np.minimum((t / 1.0).astype(int), 5)]
+    triangle = 0.5 * np.abs((t / 3.0 + 0.5) % 2.0 - 1.0) - 0.25
+    tones = ((0.3, 0.25), (0.7, 0.2), (1.3, 0.12), (2.1, 0.08))
+    multisine = np.sum([a * np.sin(2.0 * np.pi * f * t + k) for k, (f, a) in enumerate(tones)], axis=0)
+    return np.concatenate([chirp, steps, triangle, multisine])
 
 
 @dataclass(frozen=True)
@@ -138,9 +211,9 @@ def engine(joint: ExactJoint, goal: np.ndarray, step: float, integrator: str, co
     data = mujoco.MjData(drivetrain.model)
     drivetrain.set_position("shaft", data.qpos, float(goal[0]))
     out = np.empty((len(goal), 2))
-    for n, command in enumerate(goal):
+    for n, asked in enumerate(goal):
         out[n] = [drivetrain.position("shaft", data.qpos, side) for side in ("motor", "link")]
-        data.ctrl[0] = command
+        data.ctrl[0] = asked
         mujoco.mj_step(drivetrain.model, data, round(HOLD / step))
     return out
 
@@ -241,25 +314,23 @@ def measure() -> dict[str, Any]:
 
 def page(figures: dict[str, Any]) -> str:
     """The text of ``docs/numerics.md``."""
-    stiff = "\n".join(
-        f"| {row['integrator']} | {1e3 * row['step']:g} | {row['ours']:.2f} | {row['default']:.2f} |"
-        for row in figures["stiff"]
-    )
-    creeps = "\n".join(
-        f"| {row['integrator']} | {1e3 * row['step']:g} | {row['ours']:.4f} | {row['default']:.2f} |"
-        for row in figures["creep"]
-    )
+    ours, default = "this project [mrad{}]", "MuJoCo's default{} [mrad{}]"
     columns = [key for key in figures["stable"][0] if key != "chain"]
-    stable = "\n".join(
-        f"| {row['chain']} | " + " | ".join(f"{1e3 * row[key]:g}" for key in columns) + " |"
-        for row in figures["stable"]
-    )
     return TEMPLATE.format(
-        stiff=stiff,
-        creep=creeps,
-        stable=stable,
-        stable_head=" | ".join(columns),
-        stable_rule="|---" * (len(columns) + 1) + "|",
+        stiff=table(
+            ("integrator", "step [ms]", ours.format(" rms"), default.format(" friction row", " rms")),
+            ((row["integrator"], f"{1e3 * row['step']:g}", f"{row['ours']:.2f}", f"{row['default']:.2f}")
+             for row in figures["stiff"]),
+        ),
+        creep=table(
+            ("integrator", "step [ms]", ours.format("/s"), default.format("", "/s")),
+            ((row["integrator"], f"{1e3 * row['step']:g}", f"{row['ours']:.4f}", f"{row['default']:.2f}")
+             for row in figures["creep"]),
+        ),
+        stable=table(
+            ("chain", *columns),
+            ((row["chain"], *(f"{1e3 * row[key]:g}" for key in columns)) for row in figures["stable"]),
+        ),
         friction_solref=mounting.FRICTION_SOLREF,
         friction_solimp=mounting.FRICTION_SOLIMP,
         tooth_solref=mounting.TOOTH_SOLREF,
@@ -268,20 +339,18 @@ def page(figures: dict[str, Any]) -> str:
         **{key: figures[key] for key in ("noise_floor", "exact_20us", "compliance", "play_effect")},
         play_ours=figures["play"]["ours"],
         play_default=figures["play"]["default"],
-    )
+    )  # fmt: skip
 
 
+@study
 def main() -> None:
     """Measure and write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.parse_args()
+    command(__doc__).parse_args()
     figures = measure()
-    RESULTS.parent.mkdir(parents=True, exist_ok=True)
-    RESULTS.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    PAGE.write_text(page(figures), encoding="utf-8")
-    print(PAGE.read_text(encoding="utf-8"))
-    print(f"Written: {RESULTS.relative_to(PAGE.parent.parent)}, {PAGE.relative_to(PAGE.parent.parent)}")
+    write("numerics", None, figures)
+    write(CHECKOUT / "docs" / "numerics", page(figures))
+    print(page(figures))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -7,7 +7,6 @@ folder), takes some six minutes on two cores, and writes ``benchmarks/results/ot
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,9 +22,9 @@ from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.problem import converged
 
-from benchmarks.robot_logs import DATA, SO101_JOINTS, so101
+from benchmarks.kept import DATA, page, study, table, write
+from benchmarks.robot_logs import SO101_JOINTS, so101
 
-RESULTS = Path(__file__).parent / "results" / "other_motions"
 JOINTS = SO101_JOINTS[:5]
 """Those of the arm; the gripper is logged as a share of its range."""
 FITTED = "chirp_sweep"
@@ -50,32 +49,31 @@ def errors(problem: FreeProblem, values: Mapping[str, float], motions: list[str]
     return {motion: float(np.sqrt(np.nanmean(square))) for motion, square in squares.items()}
 
 
-def page(rows: list[dict[str, Any]]) -> str:
+def told(rows: list[dict[str, Any]]) -> str:
     """The results as Markdown."""
     motions = list(rows[0]["nominal"])
-    lines = [
-        "# One motion's model on the others (`python -m benchmarks.other_motions`)",
-        "",
-        f"Rms error of the free replay [mrad], nominal to found. What was found is of `{FITTED}` alone; nothing was "
-        "fitted to the other motions.",
-        "",
-        f"| joint | {' | '.join(motions)} | named |",
-        "|---" * (len(motions) + 2) + "|",
-    ]
-    for row in rows:
-        cells = [f"{1e3 * row['nominal'][m]:.1f} to {1e3 * row['found'][m]:.1f}" for m in motions]
-        lines.append(f"| {row['joint']} | {' | '.join(cells)} | {', '.join(row['causes'])} |")
+    cells = (
+        (row["joint"], *(f"{1e3 * row['nominal'][m]:.1f} to {1e3 * row['found'][m]:.1f}" for m in motions),
+         ", ".join(row["causes"]))
+        for row in rows
+    )  # fmt: skip
     pairs = [(row["nominal"][m], row["found"][m]) for row in rows for m in motions if m != FITTED]
     better = sum(found < nominal for nominal, found in pairs)
     factor = float(np.median([nominal / max(found, 1e-9) for nominal, found in pairs]))
     of = f"Of {len(pairs)} joints and motions that nothing was fitted to, {better} are better"
-    lines += ["", f"{of}; in the median by a factor of {factor:.1f}."]
-    return "\n".join(lines) + "\n"
+    return page(
+        "One motion's model on the others (`python -m benchmarks.other_motions`)",
+        f"Rms error of the free replay [mrad], nominal to found. What was found is of `{FITTED}` alone; nothing was "
+        "fitted to the other motions.",
+        table(("joint", *motions, "named"), cells),
+        f"{of}; in the median by a factor of {factor:.1f}.",
+    )
 
 
-def main(arguments: list[str]) -> None:
+@study
+def main() -> None:
     """Diagnose on one motion, judge on the others, and write the page."""
-    asked = dict(word.split("=", 1) for word in arguments)
+    asked = dict(word.split("=", 1) for word in sys.argv[1:])
     data = Path(asked.get("data", DATA))
     motions = sorted(path.stem for path in (data / "so101_arm").glob("*.parquet"))
     if FITTED not in motions:
@@ -92,10 +90,9 @@ def main(arguments: list[str]) -> None:
             "nominal": errors(problem, {}, motions),
             "found": errors(problem, joint.values, motions),
         })  # fmt: skip
-    RESULTS.with_suffix(".json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    RESULTS.with_suffix(".md").write_text(page(rows), encoding="utf-8")
-    print(page(rows))
+    write("other_motions", told(rows), rows)
+    print(told(rows))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

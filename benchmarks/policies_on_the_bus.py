@@ -12,9 +12,7 @@ for. The return on the bus is that of the machine's true motion; beside it stand
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -35,10 +33,8 @@ from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 from sealegs.hw.virtual.machine import Machine
 
-from benchmarks import study
-from benchmarks.speed import RESULTS
+from benchmarks.kept import POLICIES, command, committed, page, read, study, table, write
 
-POLICIES = Path(__file__).resolve().parents[1] / "policies"
 SECONDS = 60.0
 STARTS = 4
 BAR = 0.9
@@ -159,54 +155,48 @@ def measure(folder: Path, seconds: float) -> dict[str, Any]:
     return {"policy": f"{kind}/{folder.name}", "share": share, "bus": bus, "simulation": simulation}
 
 
-def table(rows: list[dict[str, Any]]) -> str:
+def told(rows: list[dict[str, Any]]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# Policies on the virtual bus",
-        "",
-        f"Return over {SECONDS:g} s of each policy in `policies/` on the virtual machine of its robot with its sensors,"
-        f" beside the mean of {STARTS} starts in the environment that it was trained in. Return counts until the robot "
-        "falls. `python -m benchmarks.policies_on_the_bus`",
-        "",
-        "| policy | on the bus | as the readings say | s | in simulation | s | share | to reach | |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    cells = []
     for row in rows:
         bus, simulation = row["bus"], row["simulation"]
         judged = row["policy"].partition("/")[0] in TO_REACH
         verdict = ("reached" if row["share"] >= BAR else "**missed**") if judged else ""
-        lines.append(
-            f"| {row['policy']} | {bus['return']:.1f} | {bus['measured']:.1f} | {bus['seconds']:.0f} | "
-            f"{simulation['return']:.1f} | {simulation['seconds']:.0f} | {row['share']:.2f} | "
-            f"{BAR if judged else ''} | {verdict} |"
-        )
+        cells.append((
+            row["policy"], f"{bus['return']:.1f}", f"{bus['measured']:.1f}", f"{bus['seconds']:.0f}",
+            f"{simulation['return']:.1f}", f"{simulation['seconds']:.0f}", f"{row['share']:.2f}",
+            BAR if judged else "", verdict,
+        ))  # fmt: skip
     ended = [f"{row['policy']}: {row['bus']['ending']}" for row in rows if row["bus"]["ending"] != "finished"]
-    lines += ["", *(ended or ["All runs went on to their end."])]
-    return "\n".join(lines) + "\n"
+    heads = ("policy", "on the bus", "as the readings say", "s", "in simulation", "s", "share", "to reach", "")
+    return page(
+        "Policies on the virtual bus",
+        f"Return over {SECONDS:g} s of each policy in `policies/` on the virtual machine of its robot with its sensors,"
+        f" beside the mean of {STARTS} starts in the environment that it was trained in. Return counts until the robot "
+        "falls. `python -m benchmarks.policies_on_the_bus`",
+        table(heads, cells),
+        "\n".join(ended or ["All runs went on to their end."]),
+    )
 
 
 @study
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.policies_on_the_bus", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("policies", nargs="*", help="such as biped/seed0; default: all")
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="others than 60 write nothing")
     arguments = parser.parse_args()
-    file = RESULTS / "policies_on_the_bus.json"
-    rows = {row["policy"]: row for row in json.loads(file.read_text())} if file.is_file() else {}
-    folders = [f"{path.parent.parent.name}/{path.parent.name}" for path in sorted(POLICIES.glob("*/*/policy.json"))]
-    wanted = arguments.policies or sorted(folders, key=lambda name: (name.partition("/")[2], name))
-    for name in wanted:
+    rows = {row["policy"]: row for row in read("policies_on_the_bus", [])}
+    for name in arguments.policies or committed():
         if name in rows and not arguments.again:
             continue
         row = measure(POLICIES / name, arguments.seconds)
         rows[name] = row
         print(f"{name}: {row['bus']} beside {row['simulation']}: {row['share']:.2f}", flush=True)
         if arguments.seconds == SECONDS:
-            ordered = [rows[key] for key in folders if key in rows]
-            file.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
-            file.with_suffix(".md").write_text(table(ordered), encoding="utf-8")
+            ordered = [rows[key] for key in sorted(rows) if key in committed()]
+            write("policies_on_the_bus", told(ordered), ordered)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ policy does not. A row holds the digest of the policies that it was measured wit
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import sys
@@ -27,31 +26,20 @@ from sealegs.actuators import load_chain
 from sealegs.agents.policy_files import load_policy
 from sealegs.common.atomic import write_text
 from sealegs.common.errors import SealegsError
-from sealegs.envs import ENVIRONMENTS
-from sealegs.envs.contract import task_of
-from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.hexapod.env import MOST
 from sealegs.envs.hopper.controller import BangBang, spring_stiffness
 
-from benchmarks import study
-from benchmarks.biped_motion import at_own_step, moments
-from benchmarks.learned_arm import tool_errors
-from benchmarks.learned_biped import JUDGED
-from benchmarks.learned_biped_hopping import attempts
-from benchmarks.learned_hexapod import walked
-from benchmarks.learned_leg import foot_errors
-from benchmarks.policies_on_the_bus import POLICIES
-from benchmarks.speed import RESULTS
+from benchmarks.kept import POLICIES, RESULTS, Kept, command, page, study, table, write
+from benchmarks.learned import OTHERS, Biped
+from benchmarks.rollouts import Act, Seeds, at_own_step, foot_errors, hopper_rewards, hops, moments, tool_errors, walked
 from benchmarks.verdicts import BETTER, LEAST_POLICIES, RULE, UNJUDGED, WORSE, Estimate, beside, estimate, over, short
 
 FILE = RESULTS / "policy_matrix.jsonl"
 SEED, SEARCH_SEED = 40_000, 60_000  # of the starts that are judged, and of those on which a constant is chosen
-EPISODE = ENVIRONMENTS["Hopper"]  # control steps
+JUDGED = Biped.judged
 SECONDS = 15.0  # of walking and of hopping
 WINDOW = 12.0  # [s] of the hexapod's way, two cycles of its gait, after as many
 REFERENCE, CONSTANT = "reference", "constant"
-Act = Callable[[np.ndarray], np.ndarray]
-Seeds = int | Sequence[int]
 Scores = tuple[np.ndarray, np.ndarray]
 """The measure of each start (n,), and whether it ended in a fall (n,)."""
 
@@ -61,14 +49,7 @@ Scores = tuple[np.ndarray, np.ndarray]
 
 def hopper(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
     """Reward of an episode; it is over with a fall, and what follows earns nothing."""
-    task, options = task_of(env)
-    engine = BatchEngine(task, starts, **{**options, "actuator": actuator}, autoreset=False, threads=1)
-    engine.seed(seed)
-    seen, rewards, upright = engine.reset(), np.zeros(starts), np.ones(starts, bool)
-    for _ in range(EPISODE):
-        step = engine.step(act(seen))
-        seen, rewards = step.observation, rewards + np.where(upright, step.reward, 0.0)
-        upright &= ~step.terminated
+    rewards, upright = hopper_rewards(env, actuator, act, starts, seed)
     return rewards, ~upright
 
 
@@ -102,7 +83,7 @@ def biped(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds
 
 def biped_hopping(env: dict[str, Any], actuator: Any, act: Act, starts: int, seed: Seeds) -> Scores:
     """Hops until the fall."""
-    found = attempts(env, actuator, act, starts, SECONDS, seed)
+    found = hops(env, actuator, act, starts, SECONDS, seed)
     return found.count, ~found.upright
 
 
@@ -131,7 +112,6 @@ class Judged:
 
 AMRU5 = ("amru5_lugre", "amru5_dry", "amru5_load", "amru5_frictionless")
 FALLING = ("hopper", "hexapod", "biped", "biped_hopping")
-OTHERS = ("ideal", "regression", "net")
 TASKS: Mapping[str, Judged] = {
     "hopper": Judged(hopper, "reward of an episode", ("sv1270tg", *OTHERS), 32, more=True),
     "leg": Judged(leg, "rms error of the foot [mm]", ("silo4_pd", "silo4", *OTHERS), 16),
@@ -197,13 +177,10 @@ def best_constant(task: Judged, env: dict[str, Any], chain: Any, known: np.ndarr
 
 def read() -> dict[tuple[str, str, str], dict[str, Any]]:
     """Rows that are there of the policies as they are now, by task, model and who acts."""
-    if not FILE.is_file():
-        return {}
     now = {(name, actor): digest(name, actor) for name in TASKS for actor in actors(name)}
-    rows = map(json.loads, FILE.read_text(encoding="utf-8").splitlines())
     return {
         (row["task"], row["model"], row["actor"]): row
-        for row in rows
+        for row in Kept(FILE).rows
         if row["policies"] == now.get((row["task"], row["actor"]))
     }
 
@@ -373,43 +350,38 @@ def falls(found: Sequence[Cell]) -> list[str]:
     return [f"{item.task} on `{item.model}` {item.falls}" for item in found if item.fell]
 
 
-def page(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
+def told(rows: Mapping[tuple[str, str, str], dict[str, Any]]) -> str:
     """The results as a page of Markdown."""
-    found = cells(rows)
-    lines = [
-        "# Committed policies on every actuator model of their robot",
-        "",
+    found, parts = cells(rows), list[str]()
+    for name, task in TASKS.items():
+        heads = ("model", "reference", f"best of {tried(name)} constant actions", "policies", "falls",
+                 "to the reference", "to the constant")  # fmt: skip
+        own = (
+            (item.model, item.reference or "", item.constant, ", ".join(map(str, item.policies)), item.falls,
+             item.against_reference, item.against_constant)
+            for item in found if item.task == name
+        )  # fmt: skip
+        parts += [
+            f"## {name}",
+            f"{task.said[0].upper()}{task.said[1:]}; {'more' if task.more else 'less'} is better. "
+            f"Intervals and verdicts: {over(len(seeds_of(name)), task.starts)}.",
+            table(heads, own),
+        ]
+    return page(
+        "Committed policies on every actuator model of their robot",
         f"Means over policies and starts. {RULE} Better and worse: surely so, start by start, each verdict by itself; "
         "empty: the model has no spring that the hopper's reference could feel. The first model of a task is that of "
         "the training. The constant action is the best of those tried on each model, from other starts. "
         "`make policy-matrix`",
-        "",
-        f"| {' | '.join(HEADS)} |",
-        "|---" * len(HEADS) + "|",
-        *(f"| {' | '.join(line)} |" for line in counted(found, {})),
-    ]
-    for name, task in TASKS.items():
-        of = [item for item in found if item.task == name]
-        lines += [
-            "",
-            f"## {name}",
-            "",
-            f"{task.said[0].upper()}{task.said[1:]}; {'more' if task.more else 'less'} is better. "
-            f"Intervals and verdicts: {over(len(seeds_of(name)), task.starts)}.",
-            "",
-            f"| model | reference | best of {tried(name)} constant actions | policies | falls | to the reference "
-            "| to the constant |",
-            "|---|---|---|---|---|---|---|",
-            *(f"| {item.model} | {item.reference or ''} | {item.constant} | {', '.join(map(str, item.policies))} | "
-              f"{item.falls} | {item.against_reference} | {item.against_constant} |" for item in of),
-        ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+        table(HEADS, counted(found, {})),
+        *parts,
+    )
 
 
 @study
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.policy_matrix", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("tasks", nargs="*", help=f"of {', '.join(TASKS)}; default: all")
     parser.add_argument("--again", action="store_true", help="measure rows that are there anew")
     arguments = parser.parse_args()
@@ -427,7 +399,7 @@ def main() -> None:
         scores = rows[key]["scores"]
         mean = "-" if scores is None else f"{np.mean(scores):.4g}"
         print(f"{', '.join(key)}: {mean} ({time.monotonic() - begun:.0f} s)", flush=True)
-    FILE.with_suffix(".md").write_text(page(rows), encoding="utf-8")
+    write("policy_matrix", told(rows))
 
 
 if __name__ == "__main__":

@@ -11,13 +11,10 @@ Writes ``results/published_fit.{json,md}``.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -29,9 +26,9 @@ from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.search.windows import SHORTEST, WINDOW
 from threadpoolctl import threadpool_limits
 
+from benchmarks.kept import command, page, study, table, write
 from benchmarks.real_data import recorded
 
-RESULTS = Path(__file__).resolve().parent / "results"
 OUR_SEEDS = 15  # how many starts a fit needs is chance: its median wants many
 TRIALS, PUBLISHED_TRIAL = 10_000, 0.057  # of the published tool: how many, and how long one takes [s] on one core
 STEP = 2.5e-3  # [s] largest step of a replay; halving it changes the error by well under a milliradian
@@ -287,60 +284,44 @@ def measure(trials: int = TRIALS, seeds: int = 3) -> dict[str, Any]:
     }
 
 
-def page(result: dict[str, Any]) -> str:
+def told(result: dict[str, Any]) -> str:
     """The result as Markdown."""
     rows = [
-        f"| {name} | {k + 1} | {row['trials']} | {row['seconds']:.1f} | {row['mae_mrad']:.2f} |"
+        (name, k + 1, row["trials"], f"{row['seconds']:.1f}", f"{row['mae_mrad']:.2f}")
         for name, key in (("CMA-ES, our trial", "cma_es"), ("least squares: windows, then runs", "least_squares"))
         for k, row in enumerate(result[key])
     ]
     reached = "all" if all(result["reached"]) else f"{sum(result['reached'])} of {len(result['reached'])}"
-    return "\n".join(
-        [
-            "# The published fit of M6",
-            "",
-            "Written by `python -m benchmarks.published_fit`; do not edit. M6 on the 12 runs of the XL330 pendulum,",
-            f"{result['parameters']} parameters, free runs of 6 s, training error in mean absolute position error.",
-            "",
-            "| fit | seed | trials | seconds | error [mrad] |",
-            "|---|---|---|---|---|",
-            *rows,
-            "",
-            f"One trial takes {1e3 * result['trial_seconds']:.1f} ms here; {1e3 * PUBLISHED_TRIAL:.0f} ms is given for "
-            f"the published tool, so its fit takes {result['published_seconds']:.0f} s.",
-            f"Ours reaches the best error of CMA-ES ({result['target_mrad']:.2f} mrad) from {reached} seeds. "
-            "Until then the median seed takes",
-            f"1/{result['times_faster_than_published']:.0f} of the published tool's time, and the slowest "
-            f"1/{result['least_times_faster_than_published']:.0f}. It takes "
-            f"1/{result['times_faster_than_cma_es_here']:.1f} of the time of CMA-ES with our trial, and "
-            f"1/{result['times_fewer_trials']:.1f} of its trials.",
-            "",
-        ]
+    return page(
+        "The published fit of M6",
+        "Written by `python -m benchmarks.published_fit`; do not edit. M6 on the 12 runs of the XL330 pendulum,\n"
+        f"{result['parameters']} parameters, free runs of 6 s, training error in mean absolute position error.",
+        table(("fit", "seed", "trials", "seconds", "error [mrad]"), rows),
+        f"One trial takes {1e3 * result['trial_seconds']:.1f} ms here; {1e3 * PUBLISHED_TRIAL:.0f} ms is given for "
+        f"the published tool, so its fit takes {result['published_seconds']:.0f} s.\n"
+        f"Ours reaches the best error of CMA-ES ({result['target_mrad']:.2f} mrad) from {reached} seeds. "
+        "Until then the median seed takes\n"
+        f"1/{result['times_faster_than_published']:.0f} of the published tool's time, and the slowest "
+        f"1/{result['least_times_faster_than_published']:.0f}. It takes "
+        f"1/{result['times_faster_than_cma_es_here']:.1f} of the time of CMA-ES with our trial, and "
+        f"1/{result['times_fewer_trials']:.1f} of its trials.",
     )
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure and write; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.published_fit", description=__doc__)
+@study
+def main() -> None:
+    """Measure and write."""
+    parser = command(__doc__)
     parser.add_argument("--quick", action="store_true", help="2,000 trials, one seed; prints, writes nothing")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     try:
         result = measure(*((2000, 1) if options.quick else ()))
-    except SealegsError as error:
-        print(error, file=sys.stderr)
-        return 2
     except ImportError:
-        print("the package 'cma' is missing: .venv/bin/pip install -c constraints.txt cma", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("Stopped; nothing was written.", file=sys.stderr)
-        return 130
-    print(page(result))
+        missing = "the package 'cma' is missing: .venv/bin/pip install -c constraints.txt cma"
+        raise SealegsError(missing) from None
+    print(told(result))
     if not options.quick:
-        RESULTS.mkdir(parents=True, exist_ok=True)
-        (RESULTS / "published_fit.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        (RESULTS / "published_fit.md").write_text(page(result), encoding="utf-8")
-    return 0
+        write("published_fit", told(result), result)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,6 @@ M1 to M6 (Duclusaud et al., ICRA 2025), fitted to the same two gains with CMA-ES
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import tempfile
 import time
@@ -26,8 +24,8 @@ from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.files import to_document
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
-RESULTS = Path(__file__).resolve().parent / "results"
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+from benchmarks.kept import DATA, RESULTS, command, page, study, table, write
+
 GAINS = (400, 200, 100)
 PUBLISHED = {
     400: {"M1": 71, "M2": 71, "M3": 46, "M4": 34, "M5": 38, "M6": 49},
@@ -82,31 +80,25 @@ def _per_run(found: JointDiagnosis) -> dict[str, dict[str, float]]:
     return rows
 
 
-def page(rows: list[dict[str, Any]]) -> str:
-    """The table as Markdown."""
+def told(rows: list[dict[str, Any]]) -> str:
+    """The page as Markdown."""
     names = list(PUBLISHED[400])
-    lines = [
-        "# Real machines, one part held out",
-        "",
-        "Written by `python -m benchmarks.real_data`; do not edit. XL330-M288-T with a pendulum, 12 runs of 6 s: mean",
-        "absolute position error on the gain that was held out, free runs from the first sample [mrad]. M1 to M6 were",
+    cells = (
+        (f"gain {row['gain']}", f"{row['mae']['nominal']:.1f}", f"{row['mae']['refitted']:.1f}",
+         f"**{row['mae']['extended']:.1f}**", row["target"], *(row["published"][name] for name in names),
+         ", ".join(f"{c['name']} ({c['share']:.0%})" for c in row["causes"]) or "none")
+        for row in rows
+    )  # fmt: skip
+    each = [(f"Gain {row['gain']}: {row['verdict']}. {row['sentence']}", "\n".join(cause_lines(row["causes"])))
+            for row in rows]  # fmt: skip
+    return page(
+        "Real machines, one part held out",
+        "Written by `python -m benchmarks.real_data`; do not edit. XL330-M288-T with a pendulum, 12 runs of 6 s: mean\n"
+        "absolute position error on the gain that was held out, free runs from the first sample [mrad]. M1 to M6 were\n"
         "fitted to the same two gains with CMA-ES, best of three starts; which is best is known with hindsight only.",
-        "",
-        "| held out | nominal | refitted | **extended** | best of M1 to M6 | " + " | ".join(names) + " | causes |",
-        "|" + "---|" * (len(names) + 6),
-    ]
-    for row in rows:
-        mae = row["mae"]
-        causes = ", ".join(f"{c['name']} ({c['share']:.0%})" for c in row["causes"]) or "none"
-        lines.append(
-            f"| gain {row['gain']} | {mae['nominal']:.1f} | {mae['refitted']:.1f} | **{mae['extended']:.1f}** | "
-            f"{row['target']} | " + " | ".join(str(row["published"][name]) for name in names) + f" | {causes} |"
-        )
-    lines += [""]
-    for row in rows:
-        lines += [f"Gain {row['gain']}: {row['verdict']}. {row['sentence']}", ""]
-        lines += [*cause_lines(row["causes"]), ""]
-    return "\n".join(lines)
+        table(("held out", "nominal", "refitted", "**extended**", "best of M1 to M6", *names, "causes"), cells),
+        *(part for parts in each for part in parts),
+    )
 
 
 def cause_lines(causes: list[dict[str, Any]]) -> list[str]:
@@ -152,31 +144,21 @@ def draw(found: dict[int, JointDiagnosis], data: MeasuredSet, path: Path) -> Non
     plt.close(figure)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run all hold-outs and write the results; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.real_data", description=__doc__)
+@study
+def main() -> None:
+    """Run all hold-outs and write the results."""
+    parser = command(__doc__)
     parser.add_argument("gains", nargs="*", type=int, default=[], help=f"only these of {GAINS}; prints, writes nothing")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     if wrong := [gain for gain in options.gains if gain not in GAINS]:
-        print(f"gain {wrong[0]} was not recorded; choose of {', '.join(map(str, GAINS))}.", file=sys.stderr)
-        return 2
-    try:
-        data = recorded("xl330", "xl330_pendulum")
-        results = [held_out(data, gain) for gain in options.gains or GAINS]
-    except SealegsError as error:
-        print(error, file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("Stopped; the results of the last whole run stay.", file=sys.stderr)
-        return 130
+        raise SealegsError(f"gain {wrong[0]} was not recorded; choose of {', '.join(map(str, GAINS))}.")
+    data = recorded("xl330", "xl330_pendulum")
+    results = [held_out(data, gain) for gain in options.gains or GAINS]
     rows = [row for row, _ in results]
-    print("\n" + page(rows))
+    print("\n" + told(rows))
     if not options.gains:
-        RESULTS.mkdir(parents=True, exist_ok=True)
-        (RESULTS / "real_data.json").write_text(json.dumps(rows, indent=1, default=float) + "\n", encoding="utf-8")
-        (RESULTS / "real_data.md").write_text(page(rows), encoding="utf-8")
+        write("real_data", told(rows), rows)
         draw({row["gain"]: found for row, found in results}, data, RESULTS / "real_data.png")
-    return 0
 
 
 if __name__ == "__main__":

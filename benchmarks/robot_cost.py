@@ -24,9 +24,9 @@ from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.prepare.request import Request
 
+from benchmarks.kept import CHECKOUT, command, page, read, study, table, write
 from testbed.logs import hidden_arm, hidden_bench
 
-RESULTS = Path(__file__).parent / "results" / "robot_cost"
 CAUSES = ("friction.coulomb", "friction.load_dependent", "drive.delay", "drive.gain")
 JOINT = "shoulder_lift"
 KINDS = ("bench", "arm")
@@ -46,7 +46,7 @@ def arm(length: float, seed: int) -> MeasuredSet:
     with tempfile.TemporaryDirectory() as folder:
         kept = Path(folder)
         data, _ = hidden_arm(kept, "six_joint", {"load_friction": (JOINT, "clear")}, seed, duration=length)
-        model = RESULTS.parent.parent.parent / "build" / "robot_cost.xml"
+        model = CHECKOUT / "build" / "robot_cost.xml"
         model.parent.mkdir(exist_ok=True)
         model.write_text((kept / "arm.xml").read_text(), encoding="utf-8")
     return replace(data, runs=tuple(replace(run, robot=str(model)) for run in data.runs))
@@ -81,17 +81,9 @@ def row(kind: str, length: float, seed: int) -> dict[str, Any]:
     }
 
 
-def page(rows: list[dict[str, Any]]) -> str:
+def told(rows: list[dict[str, Any]]) -> str:
     """The results as Markdown."""
-    lines = [
-        "# A joint of a robot beside a bench (`python -m benchmarks.robot_cost`)",
-        "",
-        f"Processor time [s] of one joint, {len(CAUSES)} causes, mean of {len(SEEDS)} hidden machines. Wanted: at most "
-        f"{WANTED:g} times the bench. In brackets: lowest and highest ratio of one pair.",
-        "",
-        "| log | rows | bench: diagnosis | arm: load | arm: diagnosis | ratio | replays, ratio |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    cells = []
     for length in LENGTHS:
         of = {kind: [one for one in rows if (one["kind"], one["seconds"]) == (kind, length)] for kind in KINDS}
         if any(len(found) < len(SEEDS) for found in of.values()):
@@ -101,19 +93,27 @@ def page(rows: list[dict[str, Any]]) -> str:
             return sum(one[key] for one in of[kind]) / len(of[kind])
 
         pairs = [other["diagnosis"] / one["diagnosis"] for one, other in zip(of["bench"], of["arm"], strict=True)]
-        lines.append(
-            f"| 3 x {length:g} s | {of['arm'][0]['rows']:,} | {mean('bench', 'diagnosis'):.1f} | "
-            f"{mean('arm', 'load'):.1f} | {mean('arm', 'diagnosis'):.1f} | "
-            f"{mean('arm', 'diagnosis') / mean('bench', 'diagnosis'):.2f} ({min(pairs):.2f} to {max(pairs):.2f}) | "
-            f"{mean('arm', 'replays') / mean('bench', 'replays'):.2f} |"
-        )
-    return "\n".join(lines) + "\n"
+        ratio = mean("arm", "diagnosis") / mean("bench", "diagnosis")
+        cells.append((
+            f"3 x {length:g} s", f"{of['arm'][0]['rows']:,}", f"{mean('bench', 'diagnosis'):.1f}",
+            f"{mean('arm', 'load'):.1f}", f"{mean('arm', 'diagnosis'):.1f}",
+            f"{ratio:.2f} ({min(pairs):.2f} to {max(pairs):.2f})",
+            f"{mean('arm', 'replays') / mean('bench', 'replays'):.2f}",
+        ))  # fmt: skip
+    heads = ("log", "rows", "bench: diagnosis", "arm: load", "arm: diagnosis", "ratio", "replays, ratio")
+    return page(
+        "A joint of a robot beside a bench (`python -m benchmarks.robot_cost`)",
+        f"Processor time [s] of one joint, {len(CAUSES)} causes, mean of {len(SEEDS)} hidden machines. Wanted: at most "
+        f"{WANTED:g} times the bench. In brackets: lowest and highest ratio of one pair.",
+        table(heads, cells),
+    )
 
 
+@study
 def main() -> None:
     """Measure what is not measured yet, and write the page."""
-    kept = RESULTS.with_suffix(".json")
-    rows: list[dict[str, Any]] = json.loads(kept.read_text()) if kept.is_file() else []
+    command(__doc__).parse_args()
+    rows: list[dict[str, Any]] = read("robot_cost", [])
     done = {(item["kind"], item["seconds"], item["seed"]) for item in rows}
     todo = [(kind, length, seed) for length in LENGTHS for seed in SEEDS for kind in KINDS]
     if todo := [item for item in todo if item not in done]:
@@ -122,8 +122,8 @@ def main() -> None:
     for kind, length, seed in todo:
         rows.append(row(kind, length, seed))
         print(json.dumps(rows[-1]), flush=True)
-        kept.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    RESULTS.with_suffix(".md").write_text(page(rows), encoding="utf-8")
+        write("robot_cost", None, rows)
+    write("robot_cost", told(rows))
 
 
 if __name__ == "__main__":

@@ -26,10 +26,10 @@ from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
-RESULTS = Path(__file__).parent / "results"
-CONFIGS = Path(__file__).resolve().parents[1] / "configs"
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+from benchmarks.hidden import row_of
+from benchmarks.kept import CHECKOUT, DATA, RESULTS, Kept, read, study, table, write
 
+WORK = CHECKOUT / "build" / "robot_logs"
 TORQUE_CHAIN = [{"delay": {"seconds": 0.0}}, {"torque_command": {}}]
 """Nothing between the commanded torque and the joint: what the published model believes."""
 FORCE_PER_COMMAND = 35.15  # [N] per unit of `vir` (README of the data)
@@ -77,7 +77,8 @@ def emps(data: Path, work: Path) -> MeasuredSet:
 def so101_chain() -> list[dict[str, Any]]:
     """The library's servo, set up as the publisher says: P 16, where the factory's 32 is 5.3 duty per rad; 12 V."""
     known = {"position_p": {"gain": 5.3 * 16 / 32}, "supply": {"volts": 12.0}}
-    stages: list[dict[str, Any]] = yaml.safe_load((CONFIGS / "actuator" / "sts3215.yaml").read_text(encoding="utf-8"))
+    file = CHECKOUT / "configs" / "actuator" / "sts3215.yaml"
+    stages: list[dict[str, Any]] = yaml.safe_load(file.read_text(encoding="utf-8"))
     return [{name: {**values, **known.get(name, {})} for name, values in stage.items()} for stage in stages]
 
 
@@ -131,25 +132,16 @@ def row(case: str, found: JointDiagnosis, seconds: float) -> dict[str, Any]:
         "unit": found.unit,
         "seconds": seconds,
         "gap": {name: error.rmse for name, error in found.gap.items()},
-        "causes": [
-            {
-                "name": cause.name,
-                "confidence": cause.confidence,
-                "share": cause.share,
-                "rivals": list(cause.rivals),
-                "parameters": {k: [v.value, v.low, v.high, v.unit, v.nominal] for k, v in cause.parameters.items()},
-            }
-            for cause in found.causes
-        ],
+        "causes": [row_of(cause) for cause in found.causes],
         "findings": [finding.sentence for finding in found.findings],
     }
 
 
 def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
     """One row per joint, those that are done from ``kept``."""
-    done = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    known = {item["joint"]: item for item in done if item["case"] == case}
-    data_set = CASES[case](data, RESULTS.parent.parent / "build" / "robot_logs")
+    done = Kept(kept)
+    known = {item["joint"]: item for item in done.rows if item["case"] == case}
+    data_set = CASES[case](data, WORK)
     if known.keys() >= data_set.runs[0].joints.keys():
         yield from known.values()
         return
@@ -163,8 +155,7 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
     def keep(found: JointDiagnosis) -> None:
         nonlocal began
         fresh.append(row(case, found, time.perf_counter() - heard.get(found.joint, began)))
-        with kept.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(fresh[-1]) + "\n")
+        done.add(fresh[-1])
         print(f"{case} {found.joint}: {found.sentence} ({fresh[-1]['seconds']:.0f} s)", flush=True)
         began = time.perf_counter()
 
@@ -173,7 +164,7 @@ def rows_of(case: str, data: Path, kept: Path) -> Iterator[dict[str, Any]]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     spent = {} if known else {"whole": time.perf_counter() - whole, "cores": cores}
     final = [row(case, joint, seconds.get(joint.joint, 0.0)) | spent for joint in found]  # with what joints share
-    lines = [item for item in done if item["case"] != case] + final
+    lines = [item for item in done.rows if item["case"] != case] + final
     kept.write_text("".join(json.dumps(item) + "\n" for item in lines), encoding="utf-8")
     yield from final
 
@@ -188,19 +179,16 @@ def one_joint(case: str, data: Path, joint: str, causes: Sequence[str] | None) -
 
     def stop(found: JointDiagnosis) -> None:
         if found.joint == joint:
-            print(page([row(case, found, time.perf_counter() - began)]))
+            print(told([row(case, found, time.perf_counter() - began)]))
             raise _Enough
 
     with contextlib.suppress(_Enough):
-        diagnose(CASES[case](data, RESULTS.parent.parent / "build" / "robot_logs"), causes=causes, done=stop)
+        diagnose(CASES[case](data, WORK), causes=causes, done=stop)
 
 
-def page(rows: list[dict[str, Any]]) -> str:
+def told(rows: list[dict[str, Any]]) -> str:
     """The results as Markdown."""
-    lines = [
-        "| machine | joint | verdict | error, before to after | noise | causes | s |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    cells = []
     for item in rows:
         gap = item["gap"]
         size = f"{1e3 * gap['nominal']:.2f} to {1e3 * gap['extended']:.2f}" if gap else "-"
@@ -208,26 +196,27 @@ def page(rows: list[dict[str, Any]]) -> str:
         causes = "; ".join(
             c["name"]
             + " "
-            + ", ".join(f"{k} {v[0]:.3g} [{v[1]:.3g}, {v[2]:.3g}] {v[3]}" for k, v in c["parameters"].items())
+            + ", ".join(f"{k} {v[0]:.3g} [{v[1]:.3g}, {v[2]:.3g}] {v[4]}" for k, v in c["parameters"].items())
             for c in item["causes"]
         )
         unit = f"m{item['unit']}"
-        cells = (item["case"], item["joint"], item["verdict"], f"{size} {unit}", f"{floor} {unit}", causes or "-")
-        lines.append(f"| {' | '.join(cells)} | {item['seconds']:.0f} |")
+        cells.append((item["case"], item["joint"], item["verdict"], f"{size} {unit}", f"{floor} {unit}", causes or "-",
+                      f"{item['seconds']:.0f}"))  # fmt: skip
     whole = {item["case"]: item for item in rows if "whole" in item}
-    if whole:
-        took = ", ".join(
-            f"{case} {item['whole']:.0f} s" + (f" on {item['cores']}" if "cores" in item else "")
-            for case, item in whole.items()
-        )
-        lines += ["", f"Whole diagnoses, in seconds on so many cores: {took}."]
-    return "\n".join(lines) + "\n"
+    took = ", ".join(
+        f"{case} {item['whole']:.0f} s" + (f" on {item['cores']}" if "cores" in item else "")
+        for case, item in whole.items()
+    )
+    heads = ("machine", "joint", "verdict", "error, before to after", "noise", "causes", "s")
+    last = f"\n\nWhole diagnoses, in seconds on so many cores: {took}." if whole else ""
+    return table(heads, cells) + last + "\n"
 
 
-def main(arguments: list[str]) -> None:
+@study
+def main() -> None:
     """Run the cases that are named, or all whose data are there, and write the page."""
-    names = [word for word in arguments if "=" not in word] or list(CASES)
-    asked = dict(word.split("=", 1) for word in arguments if "=" in word)
+    names = [word for word in sys.argv[1:] if "=" not in word] or list(CASES)
+    asked = dict(word.split("=", 1) for word in sys.argv[1:] if "=" in word)
     data = Path(asked.get("data", DATA))
     if "joint" in asked:
         one_joint(names[0], data, asked["joint"], asked["causes"].split(",") if "causes" in asked else None)
@@ -235,16 +224,14 @@ def main(arguments: list[str]) -> None:
     kept = RESULTS / "robot_logs.jsonl"
     if not data.is_dir():
         raise SystemExit(f"{data} is not there: give the folder of the data as data=<folder>.")
-    page_file = RESULTS / "robot_logs.json"
     measured = {name: list(rows_of(name, data, kept)) for name in names}
     # read last: another case that was measured meanwhile has its rows there
-    before: list[dict[str, Any]] = json.loads(page_file.read_text()) if page_file.is_file() else []
+    before: list[dict[str, Any]] = read("robot_logs", [])
     others = {name: [item for item in before if item["case"] == name] for name in CASES}
     rows = [item for name in CASES for item in measured.get(name, others[name])]
-    page_file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    (RESULTS / "robot_logs.md").write_text(page(rows), encoding="utf-8")
-    print(page(rows))
+    write("robot_logs", told(rows), rows)
+    print(told(rows))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main())

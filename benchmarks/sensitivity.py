@@ -9,11 +9,10 @@ search skips included. Recording can be stopped and goes on; its seeds are of de
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,10 @@ from sealegs.gap.search.record import from_dict
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.structure import listed
 
-from benchmarks.hidden import Case, run
+from benchmarks.hidden import Case, run, said
+from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
 from testbed import EFFECTS, STRANGERS
 
-RESULTS = Path(__file__).parent / "results"
 RECORDS = RESULTS / "sensitivity.jsonl"
 DURATION = 9.0  # [s] of each of the three runs, so that a case takes half a minute
 SCHEDULES = (("chirp", "steps"), ("multisine", "triangle"), ("lift_and_drop", "chirp"))
@@ -109,56 +108,43 @@ def disagreeing(rows: Sequence[dict[str, Any]]) -> list[str]:
     return found
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def told(rows: Sequence[dict[str, Any]]) -> str:
     """The page as markdown."""
     base = tally(rows, DEFAULT)
     hidden = sum(len(set(row["effects"]) & set(EFFECTS)) for row in rows)
     nulls = sum(not row["effects"] for row in rows)
     strangers = sum(bool(set(row["effects"]) & set(STRANGERS)) for row in rows)
-    lines = [
-        "# What each threshold of the search does",
-        "",
+    cells = (
+        (f"`{name}`", f"{getattr(DEFAULT, name):g}",
+         *(_cell(tally(rows, DEFAULT.scaled(name, factor)), base) for factor in (0.5, 2.0)),
+         SearchSettings.meanings()[name])
+        for name in SearchSettings.deciding()
+    )  # fmt: skip
+    others = len(SearchSettings.meanings()) - len(SearchSettings.deciding())
+    return page(
+        "What each threshold of the search does",
         f"Decided again from {len(rows)} recorded searches of hidden benches (three runs of {DURATION:g} s each): "
         f"{hidden} hidden effects, {nulls} nulls, {strangers} strangers. Nothing was fitted again. "
         "These are few cases: read directions, not rates.",
-        "",
         f"With the thresholds as they are: {base.right} of {hidden} effects are named and {base.rival} more are among "
         f"the rivals; {base.false} names are of nothing hidden; {base.nulls} of {nulls} nulls get a name.",
-        "",
         "Each cell below is *right names / false names / nulls with a name*. A number in brackets counts the cases in "
         "which the search would have gone on where nothing was recorded, so that it may have named more.",
-        "",
-        "| setting | value | halved | doubled | meaning |",
-        "|---|---|---|---|---|",
-    ]
-    for name in SearchSettings.deciding():
-        cells = [_cell(tally(rows, DEFAULT.scaled(name, factor)), base) for factor in (0.5, 2.0)]
-        lines.append(
-            f"| `{name}` | {getattr(DEFAULT, name):g} | {' | '.join(cells)} | {SearchSettings.meanings()[name]} |"
-        )
-    others = len(SearchSettings.meanings()) - len(SearchSettings.deciding())
-    lines += [
-        "",
+        table(("setting", "value", "halved", "doubled", "meaning"), cells),
         f"Of {listed([f'`{name}`' for name in SearchSettings.from_one()])} the distance from one is halved and "
         "doubled. A dash: nothing changes.",
-        "",
         "![Right and false names](sensitivity.png)",
-        "",
         f"{others} settings more are not in the table. Some bound the effort: with another value other fits would be "
         "made, and no record tells what they would have found. Some decide only what is told beside the verdict. "
         "[Thresholds](../../docs/thresholds.md) lists all of them.",
-        "",
         "## Cases",
-        "",
-        *(
+        "\n".join(
             f"- {row['key'].strip()}: {', '.join(decide(from_dict(row['record']), DEFAULT).names) or '-'}"
             for row in rows
         ),
-        "",
         f"Recorded with revision {', '.join(sorted({row['revision'] for row in rows}))}. Made by "
         "`python -m benchmarks.sensitivity`; `--record` adds cases.",
-    ]
-    return "\n".join(lines) + "\n"
+    )
 
 
 def _cell(found: Tally, base: Tally) -> str:
@@ -195,33 +181,23 @@ def picture(rows: Sequence[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+@study
+def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.sensitivity", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = command(__doc__)
     parser.add_argument("--record", action="store_true", help="diagnose the cases that are not recorded yet")
-    options = parser.parse_args(arguments)
-    rows = [json.loads(line) for line in RECORDS.read_text().splitlines()] if RECORDS.exists() else []
-    RECORDS.parent.mkdir(parents=True, exist_ok=True)
-    have = {row["key"] for row in rows}
-    for case in CASES if options.record else ():
-        if case.key in have:
-            continue
-        row = run(case, look_on=True, duration=DURATION, schedules=SCHEDULES)
-        rows.append(row)
-        with RECORDS.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        names = ", ".join(cause["name"] for cause in row["causes"]) or "-"
-        print(f"{row['key']}: {names} ({row['seconds']:.0f} s)", flush=True)
-    if not rows:
+    kept = Kept(RECORDS)
+    if parser.parse_args().record:
+        one = partial(run, look_on=True, duration=DURATION, schedules=SCHEDULES)
+        kept.run(one, [case for case in CASES if case.key not in kept], said)
+    if not kept.rows:
         print(f"{RECORDS} has no cases; record some: python -m benchmarks.sensitivity --record")
         return 2
-    if wrong := disagreeing(rows):
+    if wrong := disagreeing(kept.rows):
         print(f"decided again with the same settings, other names come of {', '.join(wrong)}; record them anew.")
         return 1
-    (RESULTS / "sensitivity.md").write_text(page(rows), encoding="utf-8")
-    picture(rows, RESULTS / "sensitivity.png")
+    write("sensitivity", told(kept.rows))
+    picture(kept.rows, RESULTS / "sensitivity.png")
     print(RESULTS / "sensitivity.md")
     return 0
 

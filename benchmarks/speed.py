@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -21,6 +20,8 @@ from sealegs.envs.engine.robot import Robot
 from sealegs.envs.hexapod.robot import HEXAPOD
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.leg.robot import LEG
+
+from benchmarks.kept import page, table
 
 ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD, "leg": LEG, "arm": ARM}
 CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach
@@ -208,52 +209,41 @@ def _cpu_seconds(workers: Callable[[str], list[float]] | None) -> float:
     return time.process_time() + (sum(workers("cpu_seconds")) if workers else 0.0)
 
 
-def table(physics_rows: list[dict[str, Any]], trained: dict[str, Any] | None, machine: dict[str, Any]) -> str:
+def told(physics_rows: list[dict[str, Any]], trained: dict[str, Any] | None, machine: dict[str, Any]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# Speed",
-        "",
+    heads = ("robot", "chain", "simulations", "steps/s", "bare steps/s", "ratio", "quartiles", "bar", "")
+    cells = (
+        (row["robot"], row["chain"], row["simulations"], f"{row['steps_per_second']:,.0f}",
+         f"{row['bare_steps_per_second']:,.0f}", f"{row['ratio']:.2f}",
+         f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f}", f"{row['bar']:.2f}",
+         "reached" if row["ratio"] >= row["bar"] else "**missed**")
+        for row in physics_rows
+    )  # fmt: skip
+    parts = [
         f"Written by `python -m benchmarks` (`make bench`); {machine['cores']} cores, MuJoCo {machine['mujoco']}, "
         f"Python {machine['python']}. Ratios are medians of interleaved repeats in one run.",
-        "",
         "## Physics steps per second, with a chain over bare MuJoCo on the same model",
-        "",
         "Bare MuJoCo has its own position servos with the chain's stiffness and damping, so that both move alike.",
-        "",
-        "| robot | chain | simulations | steps/s | bare steps/s | ratio | quartiles | bar | |",
-        "|---|---|---|---|---|---|---|---|---|",
+        table(heads, cells),
     ]
-    for row in physics_rows:
-        verdict = "reached" if row["ratio"] >= row["bar"] else "**missed**"
-        lines.append(
-            f"| {row['robot']} | {row['chain']} | {row['simulations']} | {row['steps_per_second']:,.0f} | "
-            f"{row['bare_steps_per_second']:,.0f} | {row['ratio']:.2f} | "
-            f"{row['ratio_low']:.2f} to {row['ratio_high']:.2f} | {row['bar']:.2f} | {verdict} |"
-        )
     if trained:
         verdict = "reached" if trained["ratio"] >= trained["bar"] else "**missed**"
-        lines += [
-            "",
+        rates = (
+            f"{trained['batch_steps_per_second']:,.0f}", f"{trained['subproc_steps_per_second']:,.0f}",
+            f"{trained['ratio']:.1f}", f"{trained['ratio_low']:.1f} to {trained['ratio_high']:.1f}",
+            f"{trained['bar']:.0f}", verdict,
+        )  # fmt: skip
+        parts += [
             "## PPO training steps per second on the hopper",
-            "",
             "Same model, task, chain (`sv1270tg`), PPO settings (`configs/agent/ppo.yaml`) and "
             f"{trained['steps_per_update']} steps per update; "
             f"{trained['simulations']['batch']} simulations in the batch. "
             "The other side is `benchmarks/python_hopper.py`, a Gymnasium `MujocoEnv` with the law in Python. "
             f"Load average at the end: {trained['load_average']:.1f}; where it is far above the number of cores, other "
             "programs shared the machine, and 9 processes get more of it than one.",
-            "",
-            "| batch engine | 8 SubprocVecEnv | ratio | lowest to highest | bar | |",
-            "|---|---|---|---|---|---|",
-            f"| {trained['batch_steps_per_second']:,.0f} | {trained['subproc_steps_per_second']:,.0f} | "
-            f"{trained['ratio']:.1f} | {trained['ratio_low']:.1f} to {trained['ratio_high']:.1f} | "
-            f"{trained['bar']:.0f} | {verdict} |",
-            "",
+            table(("batch engine", "8 SubprocVecEnv", "ratio", "lowest to highest", "bar", ""), [rates]),
             "CPU time per training step, all processes together: "
             f"{trained['cpu_microseconds_per_step']['batch']:.0f} us against "
             f"{trained['cpu_microseconds_per_step']['subproc']:.0f} us.",
         ]
-    return "\n".join(lines) + "\n"
-
-
-RESULTS = Path(__file__).resolve().parent / "results"
+    return page("Speed", *parts)

@@ -9,7 +9,6 @@ goes on. No trial that was finished may be trained again or lost, and those that
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import multiprocessing
@@ -27,10 +26,8 @@ from sealegs.agents.sweep_workers import reward_of
 from sealegs.common.errors import SealegsError
 from sealegs.common.extras import needed_for
 
-from benchmarks import study
-from benchmarks.speed import RESULTS
+from benchmarks.kept import command, page, study, table, write
 
-FILE = RESULTS / "sweep_on_cluster.json"
 NICENESS = "RAY_worker_niceness"  # of Ray
 NODES, TRIALS = 3, 6
 MEMORY = 100 * 2**20  # [B] of each node's store
@@ -141,39 +138,34 @@ def measure(out: Path) -> dict[str, Any]:
         cluster.shutdown()
 
 
-def page(row: dict[str, Any]) -> str:
+def told(row: dict[str, Any]) -> str:
     """The result as a page of Markdown."""
     again = {name: begun for name, begun in row["sessions"].items() if len(begun) > 1}
-    lines = [
-        "# A sweep on a cluster, one node of which is killed",
-        "",
+    cells = (
+        ("finished when a node was killed", row["finished when a node was killed"]),
+        ("running then", ", ".join(row["running then"])),
+        ("finished when the sweep itself was killed", row["finished when the sweep was killed"]),
+        ("running at that time", ", ".join(row["running at that time"])),
+        ("finished in the end", f"{row['finished in the end']} of {row['trials']}"),
+        ("finished trials that were lost or trained again", len(row["finished trials that changed"])),
+        *((f"{name} went on from step", ", ".join(f"{step:,}" for step in begun[1:])) for name, begun in again.items()),
+    )
+    return page(
+        "A sweep on a cluster, one node of which is killed",
         f"{row['nodes']} nodes of Ray on one machine, {row['trials']} trials of `env=bench`. "
         "`python -m benchmarks.sweep_on_cluster`",
-        "",
-        "| | |",
-        "|---|---|",
-        f"| finished when a node was killed | {row['finished when a node was killed']} |",
-        f"| running then | {', '.join(row['running then'])} |",
-        f"| finished when the sweep itself was killed | {row['finished when the sweep was killed']} |",
-        f"| running at that time | {', '.join(row['running at that time'])} |",
-        f"| finished in the end | {row['finished in the end']} of {row['trials']} |",
-        f"| finished trials that were lost or trained again | {len(row['finished trials that changed'])} |",
-        *(f"| {name} went on from step | {', '.join(f'{step:,}' for step in begun[1:])} |"
-          for name, begun in again.items()),
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
+        table(("", ""), cells),
+    )
 
 
 @study
 def main() -> None:
     """Measure, print and write."""
-    argparse.ArgumentParser(prog="python -m benchmarks.sweep_on_cluster", description=__doc__).parse_args()
+    command(__doc__).parse_args()
     with tempfile.TemporaryDirectory() as out:
         row = measure(Path(out))
-    text = page(row)
-    print(text)
-    FILE.write_text(json.dumps(row, indent=1) + "\n", encoding="utf-8")
-    FILE.with_suffix(".md").write_text(text, encoding="utf-8")
+    print(told(row))
+    write("sweep_on_cluster", told(row), row)
 
 
 if __name__ == "__main__":

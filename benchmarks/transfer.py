@@ -12,8 +12,7 @@ from pathlib import Path
 
 from sealegs.commands.transfer import main as transfer
 
-from benchmarks import study
-from benchmarks.speed import RESULTS
+from benchmarks.kept import RESULTS, study
 
 FOLDER = Path("runs/transfer-reported")
 REPORTED = ("robots=[bench,pan_tilt,leg]", "machines=2", "seeds=2", "seed=5900", "total_timesteps=64000")

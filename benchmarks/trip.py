@@ -18,6 +18,8 @@ import grimp
 import sealegs
 from sealegs.gap.virtual.bench import record
 
+from benchmarks.kept import command, study
+
 FINDER = "sealegs.gap."
 
 
@@ -68,20 +70,22 @@ def climbs(trip: Trip) -> list[tuple[str, str]]:
     return sorted((caller, called) for caller, called in trip.calls if called in above[caller])
 
 
-def main(arguments: list[str]) -> int:
+@study
+def main() -> None:
     """Command line."""
+    parser = command(__doc__)
+    parser.add_argument("log", nargs="?", type=Path)
+    asked = parser.parse_args().log
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(arguments[0]) if arguments else Path(folder) / "bench"
-        if not arguments:
-            record(log, "sts3215", {"friction.coulomb": 0.12})
-        trip = trip_of(log)
+        if asked is None:
+            record(Path(folder) / "bench", "sts3215", {"friction.coulomb": 0.12})
+        trip = trip_of(asked or Path(folder) / "bench")
     against = climbs(trip)
     folders = {room.split(".")[2] for room in trip.rooms}
     print(f"{len(trip.rooms)} files in {len(folders)} folders, {len(trip.calls)} pairs of them, {len(against)} climbs")
     for caller, called in against:
         print(f"  {caller.removeprefix(FINDER)} calls {called.removeprefix(FINDER)}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -11,8 +11,6 @@ fall. The commands are those of ``configs/env/walk.yaml``, none of them 0, from 
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 from collections.abc import Mapping
@@ -29,10 +27,9 @@ from sealegs.configs.compose import FOLDER
 from sealegs.envs.any_robot.walk import WalkTask
 from sealegs.envs.robots import get_robot
 
-from benchmarks import study
-from benchmarks.speed import RESULTS, bare_model, interleaved
+from benchmarks.kept import command, page, read, study, table, write
+from benchmarks.speed import bare_model, interleaved
 
-FILE = RESULTS / "walking.json"
 GAIT = "reference gait"
 STARTS, SECONDS, SETTLING = 100, 20.0, 1.0
 GROUNDS: Mapping[str, Any] = {
@@ -125,47 +122,39 @@ def throughput() -> dict[str, list[float]]:
     return interleaved({"task": task, "bare": alone}, seconds=1.0, repeats=9)
 
 
-def table(found: Mapping[str, Any]) -> str:
+def told(found: Mapping[str, Any]) -> str:
     """The results as a page of Markdown."""
-    lines = [
-        "# A quadruped that walks as commanded",
-        "",
-        f"{STARTS} starts of {SECONDS:g} s on each ground; errors are shares of the mean command. "
-        "`python -m benchmarks.walking`",
-        "",
-    ]
+    parts: list[str] = []
     for name, rows in found.get("walkers", {}).items():
-        lines += [f"## {name.capitalize()}", "", "| ground | falls | speed [%] | turn [%] |", "|---|---|---|---|"]
-        lines += [
-            f"| {ground} | {row['falls']} | {100 * row['speed']:.0f} | {100 * row['turn']:.0f} |"
-            for ground, row in rows.items()
-        ]
-        lines.append("")
+        cells = ((ground, row["falls"], f"{100 * row['speed']:.0f}", f"{100 * row['turn']:.0f}")
+                 for ground, row in rows.items())  # fmt: skip
+        parts += [f"## {name.capitalize()}", table(("ground", "falls", "speed [%]", "turn [%]"), cells)]
     if robots := found.get("robots"):
-        lines += [
+        cells = (
+            (name, row["joints"], f"{row['mass']:.1f}", f"{row['height']:.2f}", f"{row['steps']:,}", cell(row["gait"]),
+             cell(row["policy"]))
+            for name, row in robots.items()
+        )  # fmt: skip
+        parts += [
             "## Policies beside their gait",
-            "",
             "Each beside its reference alone, under pushes of up to 0.4 m/s every 2 to 4 s: falls, errors of speed and "
             "turn. `python -m benchmarks.walking --robots runs/<run>/final ...`",
-            "",
-            "| run | joints | mass [kg] | height [m] | steps | reference | policy |",
-            "|---|---|---|---|---|---|---|",
+            table(("run", "joints", "mass [kg]", "height [m]", "steps", "reference", "policy"), cells),
         ]
-        lines += [
-            f"| {name} | {row['joints']} | {row['mass']:.1f} | {row['height']:.2f} | {row['steps']:,} | "
-            f"{cell(row['gait'])} | {cell(row['policy'])} |"
-            for name, row in robots.items()
-        ]
-        lines.append("")
     if rates := found.get("rates"):
         ratios = np.array(rates["task"]) / np.array(rates["bare"])
-        lines += [
+        parts.append(
             f"Throughput of `env=walk` with {COUNT} simulations over bare MuJoCo on the same model, contacts and "
             f"contact sensors, in turns: {np.median(ratios):.2f} (quartiles {np.quantile(ratios, 0.25):.2f} to "
             f"{np.quantile(ratios, 0.75):.2f}); {np.median(rates['task']):,.0f} control steps per second. "
-            "`python -m benchmarks.walking --speed`",
-        ]
-    return "\n".join(lines) + "\n"
+            "`python -m benchmarks.walking --speed`"
+        )
+    return page(
+        "A quadruped that walks as commanded",
+        f"{STARTS} starts of {SECONDS:g} s on each ground; errors are shares of the mean command. "
+        "`python -m benchmarks.walking`",
+        *parts,
+    )
 
 
 def cell(row: Mapping[str, float]) -> str:
@@ -176,12 +165,12 @@ def cell(row: Mapping[str, float]) -> str:
 @study
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.walking", description=__doc__)
+    parser = command(__doc__)
     parser.add_argument("policies", nargs="*", help="folders of policies; the reference gait is always measured")
     parser.add_argument("--speed", action="store_true", help="measure the steps per second instead")
     parser.add_argument("--robots", action="store_true", help="measure policies of any robots beside their references")
     arguments = parser.parse_args()
-    found: dict[str, Any] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.is_file() else {}
+    found: dict[str, Any] = read("walking", {})
     if arguments.speed:
         found["rates"] = throughput()
     for name in arguments.policies if arguments.robots else ():
@@ -192,9 +181,8 @@ def main() -> None:
         for ground, drawn in GROUNDS.items():
             rows[ground] = walked(name, drawn)
             print(f"{name}, {ground}: {rows[ground]}", flush=True)
-    FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    FILE.with_suffix(".md").write_text(table(found), encoding="utf-8")
-    print(table(found))
+    write("walking", told(found), found)
+    print(told(found))
 
 
 if __name__ == "__main__":

@@ -25,8 +25,7 @@ from sealegs.actuators.layout import (
     S_VOLTAGE,
 )
 
-from benchmarks.exact_joint import ExactJoint, excitation
-from benchmarks.numerics import HOLD, Constants, engine
+from benchmarks.numerics import HOLD, Constants, ExactJoint, engine, excitation
 from tests.smooth_bench import LINK, PENDULUM, drivetrain, run
 
 TWO = f"""<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>

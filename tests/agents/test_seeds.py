@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 import sys
@@ -22,7 +21,8 @@ from sealegs.configs.compose import choices
 from sealegs.configs.script import Interrupted
 
 from benchmarks import learning
-from benchmarks.learning import Bar, interval, page
+from benchmarks.kept import CHECKOUT
+from benchmarks.learning import Bar, interval, told
 from tests.agents.training_runs import SHORT, run
 
 
@@ -156,7 +156,7 @@ def test_the_curve_covers_the_steps_in_which_all_seeds_were_evaluated(tmp_path: 
 
 def test_a_missed_bar_is_called_missed() -> None:
     rows = {0: {"speed": 1.0}, 1: {"speed": 3.0}}
-    text = page("hexapod", ("env=hexapod",), rows, {"speed": 2.5}, [Bar("at least 2", "1 to 3", False)])
+    text = told("hexapod", ("env=hexapod",), rows, {"speed": 2.5}, [Bar("at least 2", "1 to 3", False)])
     assert "| **no** | 1 to 3 | at least 2 |" in text
     assert "| reference controller | 2.5 |" in text
     assert "2 ± 13" in text
@@ -197,16 +197,15 @@ SEEDS = {"arm": 2, "leg": 1}
 
 @pytest.mark.long
 def test_kept_policies_are_those_of_the_tuned_settings() -> None:
-    for robot in learning.ROBOTS:
-        training = importlib.import_module(f"benchmarks.learned_{robot}").TRAINING
-        folders = sorted((learning.REPOSITORY / "policies" / robot).glob("seed*"))
+    for robot, learned in learning.LEARNED.items():
+        folders = sorted((CHECKOUT / "policies" / robot).glob("seed*"))
         assert len(folders) == SEEDS.get(robot, 5)
         for folder in folders:
-            learning.same_config(folder, training)
+            learning.same_config(folder, learned.training)
 
 
 def test_tuned_settings_belong_to_an_environment_and_an_algorithm() -> None:
-    for path in (learning.REPOSITORY / "configs" / "tuned").glob("*.yaml"):
+    for path in (CHECKOUT / "configs" / "tuned").glob("*.yaml"):
         env, _, agent = path.stem.rpartition("_")
         assert env in choices("env") and agent in choices("agent")
         wanted = yaml.safe_load(path.read_text())["total_timesteps"]

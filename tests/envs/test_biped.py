@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import sealegs  # noqa: F401 registers
 from sealegs.actuators import Drivetrain, load_chain
-from sealegs.agents.policy_files import mean_reward
+from sealegs.agents.policy_files import load_policy, mean_reward
 from sealegs.agents.policy_graph import task_parts
 from sealegs.commands import train
 from sealegs.common.errors import SealegsError
@@ -26,8 +26,8 @@ from sealegs.envs.contract import goal_scale, random_motion, robot_hash
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.task import Motion
 
-from benchmarks.biped_motion import load
-from benchmarks.learned_biped import JUDGED, walk
+from benchmarks.learned import Biped
+from benchmarks.rollouts import at_own_step, walk
 from tests.quick import quick
 
 BIPED_ID = "SeaLegs/Biped-v0"
@@ -361,8 +361,9 @@ def test_a_time_step_makes_no_other_robot() -> None:
 
 @pytest.mark.parametrize("folder", quick(POLICIES, 5), ids=lambda folder: folder.name)
 def test_a_learned_policy_walks_from_a_standing_start(folder: Path) -> None:
-    env, actuator, act = load(folder)
-    figures = walk({**env, "speed": JUDGED}, actuator, act, starts=2, seconds=8.0)
+    act, description = load_policy(folder)
+    env = {**at_own_step(description["env"]), "speed": Biped.judged}
+    figures = walk(env, description["actuators"], act, starts=2, seconds=8.0)
     assert figures["falls"] == 0.0
     assert 0.4 < figures["slowest [m/s]"] < 0.8
     assert figures["share on one foot"] > 0.4  # about half of it in seeds 1 and 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +24,8 @@ from sealegs.hw.run.policy import Policy
 from sealegs.hw.run.simulated import Turned, simulate
 from sealegs.hw.run.task_reference import TaskReference
 
-from benchmarks.many_starts import FILE, gap, hidden_gap, well
+from benchmarks.kept import read
+from benchmarks.many_starts import gap, hidden_gap, well
 from tests.servo_runs import POLICIES, committed, config, gentle_policy
 from tests.simulated_runs import sine
 
@@ -183,14 +183,14 @@ def test_no_gap_from_any_start_of_any_robot_and_what_is_hidden_is_told(kind: str
 
 
 def test_the_committed_figures_have_no_gap_where_nothing_is_hidden() -> None:
-    results = json.loads(Path(FILE).read_text(encoding="utf-8"))
+    results = read("many_starts", {})
     for kind in ("gaps", "hidden"):
         for name, rows in results[kind].items():
             assert all(well(kind, row) for row in rows), (kind, name)
 
 
 def test_in_the_committed_figures_no_servo_keeps_its_torque_and_only_a_robot_that_fell_was_stopped() -> None:
-    ends = json.loads(Path(FILE).read_text(encoding="utf-8"))["ends"]
+    ends = read("many_starts", {})["ends"]
     assert len(ends) == 19 and all(len(rows) == 50 and not any(row["torque"] for row in rows) for rows in ends.values())
     bad = [(name, row) for name, rows in ends.items() for row in rows if not well("ends", row)]
     assert [(name, row["start"]) for name, row in bad] == [("biped/seed3", 10)]  # on its back before its moment

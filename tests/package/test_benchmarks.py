@@ -15,10 +15,10 @@ from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.log import read_measured
 from sealegs.hw.run.measured_log import read_events
 
-from benchmarks import bare_loop, bus, control_loop
-from benchmarks.bare_loop import spin
+from benchmarks import bus, control_loop
+from benchmarks.control_loop import spin
 from benchmarks.python_hopper import FRAME_SKIP, PythonHopper
-from benchmarks.speed import CHAINS, bare_model, table
+from benchmarks.speed import CHAINS, bare_model, told
 from tests.simulated_runs import Simulation, sine
 
 
@@ -62,7 +62,7 @@ def test_a_missed_bar_is_said_in_the_table():
         "ratio_high": 0.9,
         "bar": 0.9,
     }
-    page = table([row], None, {"cores": 2, "mujoco": "4", "python": "3"})
+    page = told([row], None, {"cores": 2, "mujoco": "4", "python": "3"})
     assert "**missed**" in page and "800,000" in page
 
 
@@ -130,12 +130,12 @@ def test_a_bare_loop_counts_its_overruns_as_the_control_loop_does() -> None:
 
 def test_stolen_time_is_a_share_of_all_or_not_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stat = tmp_path / "stat"
-    monkeypatch.setattr(bare_loop, "STAT", stat)
-    assert bare_loop.processor_times() is None
+    monkeypatch.setattr(control_loop, "STAT", stat)
+    assert control_loop.processor_times() is None
     stat.write_text("cpu  100 0 50 800 10 0 5 35 7 0\ncpu0 50 0 25 400 5 0 3 17 0 0\n")
-    assert bare_loop.processor_times() == (35, 1000)
-    assert bare_loop.stolen_share((35, 1000), (85, 1200)) == 0.25
-    assert bare_loop.stolen_share(None, (85, 1200)) is None and bare_loop.stolen_share((1, 9), (1, 9)) is None
+    assert control_loop.processor_times() == (35, 1000)
+    assert control_loop.stolen_share((35, 1000), (85, 1200)) == 0.25
+    assert control_loop.stolen_share(None, (85, 1200)) is None and control_loop.stolen_share((1, 9), (1, 9)) is None
 
 
 def test_a_bus_that_loses_cycles_says_so_in_the_table():
@@ -154,8 +154,8 @@ def test_a_bus_that_loses_cycles_says_so_in_the_table():
         "failed_cycles": 7,
         "bare_failed_cycles": 5,
     }
-    page = bus.table([row], {"cores": 2, "python": "3", "load": 0.1})
+    page = bus.told([row], {"cores": 2, "python": "3", "load": 0.1})
     assert "| reached | 7, 5 |" in page
-    assert "machine too busy" in bus.table(
+    assert "machine too busy" in bus.told(
         [{**row, "bare_cycles_per_second": 10.0}], {"cores": 2, "python": "3", "load": 9.0}
     )

@@ -15,11 +15,11 @@ from benchmarks.hidden_everyday import (
     holds,
     named_first,
     one_latency,
-    page,
     payload_right,
     predicted,
     right_first,
     run,
+    told,
 )
 from testbed.everyday import EFFECTS, MACHINES, SHARED, STRANGERS, drawn, mjcf
 from testbed.everyday.machines import links_of, servos_of
@@ -94,8 +94,8 @@ def test_a_hobbyist_logs_goals_and_positions_of_a_named_robot(tmp_path: Path) ->
 
 
 def named(name: str, share: float, sure: float = 0.95, **parameters: list[float]) -> dict[str, Any]:
-    told = {path.replace("__", "."): value for path, value in parameters.items()}
-    return {"name": name, "share": share, "confidence": sure, "rivals": [], "parameters": told}
+    values = {path.replace("__", "."): value for path, value in parameters.items()}
+    return {"name": name, "share": share, "confidence": sure, "rivals": [], "parameters": values}
 
 
 def row(shared: list[dict[str, Any]], **joints: list[dict[str, Any]]) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def test_masses_and_fresh_motions_are_judged_against_the_machine() -> None:
     assert bodies_right(found) == [False]
     found["effects"].append({"name": "payload", "joint": "", "cause": ["load.mass"]})
     assert payload_right(found)
-    assert "joints worse than nominal | 1 | 2 | 50% |" in page([found])
+    assert "joints worse than nominal | 1 | 2 | 50% |" in told([found])
 
 
 @pytest.mark.long

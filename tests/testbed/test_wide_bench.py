@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import by_chance, calibration_error, kept, reliability, told
-from benchmarks.hidden_wide import FAULT_CODES, outcome, page, run, worse_than_nominal
+from benchmarks.hidden_wide import FAULT_CODES, outcome, run, worse_than_nominal
+from benchmarks.hidden_wide import told as page
 from testbed import hidden_wide
 from testbed.wide import EFFECTS, FAULTS, STRANGERS, draw
 

@@ -16,7 +16,7 @@ from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import WARM_UP, cut
 from sealegs.gap.log.types import JointLog, MeasuredRun
 
-from benchmarks.large_log import write
+from benchmarks.large_log import record
 
 ROWS, HELD = 300_000, 48_000
 PEAK = """
@@ -32,13 +32,13 @@ print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0)
 def long_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """25 minutes at 200 Hz whose motion changes kind every 90 s."""
     path = tmp_path_factory.mktemp("long") / "log.parquet"
-    write(path, ROWS)
+    record(path, ROWS)
     return path
 
 
 def test_a_short_log_is_read_whole(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
-    write(path, 3000)
+    record(path, 3000)
     data = read_bounded(path)
     assert count_rows(path) in (3000, 3001)
     assert len(data.runs) == 1 and len(data.runs[0].time) == 3000 and not data.findings
@@ -115,7 +115,7 @@ def test_a_fault_of_a_whole_long_log_is_mended_once(unit: float, code: str, long
 def test_memory_does_not_grow_with_the_log(long_log: Path, tmp_path: Path) -> None:
     """Reading three times as many rows takes no more memory, beyond what allocators scatter."""
     shorter = tmp_path / "log.parquet"
-    write(shorter, ROWS // 3)
+    record(shorter, ROWS // 3)
     peaks = []
     for path in (shorter, long_log):
         command = [sys.executable, "-c", PEAK, str(path), str(HELD)]
@@ -166,7 +166,7 @@ def test_a_window_is_long_enough_to_warm_up_whatever_the_rate(rate: float) -> No
 @pytest.mark.long
 def test_a_fault_of_one_long_log_is_mended_in_that_one_alone(tmp_path: Path) -> None:
     for name, unit in (("a", 1.0), ("b", 180.0 / np.pi)):
-        write(tmp_path / f"{name}.parquet", 30_000)
+        record(tmp_path / f"{name}.parquet", 30_000)
         table = parquet.read_table(tmp_path / f"{name}.parquet").to_pandas()
         table[["servo.position", "servo.goal"]] *= unit
         parquet.write_table(Table.from_pandas(table, preserve_index=False), tmp_path / f"{name}.parquet")
@@ -180,7 +180,7 @@ def test_a_fault_of_one_long_log_is_mended_in_that_one_alone(tmp_path: Path) -> 
 @pytest.mark.long
 def test_logs_of_machines_with_other_joints_are_refused(tmp_path: Path) -> None:
     for name, joint in (("a", "servo"), ("b", "elbow")):
-        write(tmp_path / f"{name}.csv", 30_000)
+        record(tmp_path / f"{name}.csv", 30_000)
         for file in (tmp_path / f"{name}.csv", tmp_path / f"{name}.yaml"):
             file.write_text(file.read_text().replace("servo", joint))
     with pytest.raises(LogError, match=r"b\.csv has the joints elbow, a\.csv has servo; keep one machine per folder"):

@@ -18,7 +18,8 @@ from sealegs.gap.prepare.checking import check_log
 from sealegs.gap.prepare.resting import RESTS, without_rests
 from sealegs.gap.verdict.verdict import NOTHING
 
-from benchmarks.robot_logs import DATA, so101
+from benchmarks.kept import DATA
+from benchmarks.robot_logs import so101
 from testbed.logs import hidden_arm
 from tests.logged_robots import robot
 

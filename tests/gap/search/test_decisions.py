@@ -17,7 +17,8 @@ from sealegs.gap.search.seek import from_usual
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.tied import GAIN, ended_tied
 
-from benchmarks.sensitivity import RECORDS, RESULTS, disagreeing, page, tally
+from benchmarks.kept import RESULTS
+from benchmarks.sensitivity import RECORDS, disagreeing, tally, told
 from tests.small_diagnosis import small_diagnosis
 
 BLOCKS = 60
@@ -258,11 +259,11 @@ def test_records_decided_again_with_the_same_settings_give_the_names_of_their_se
 @pytest.mark.long
 def test_the_committed_page_is_what_the_records_and_the_settings_say_now() -> None:
     written = (RESULTS / "sensitivity.md").read_text(encoding="utf-8")
-    assert written == page(ROWS), "python -m benchmarks.sensitivity"
+    assert written == told(ROWS), "python -m benchmarks.sensitivity"
 
 
 def test_each_threshold_is_halved_and_doubled_and_the_page_has_it() -> None:
-    text = page(ROWS[:2])
+    text = told(ROWS[:2])
     for name in SearchSettings.deciding():
         assert f"| `{name}` |" in text
         assert DEFAULT.scaled(name, 0.5) != DEFAULT != DEFAULT.scaled(name, 2.0)
