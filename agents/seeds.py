@@ -25,6 +25,7 @@ from scipy.stats import bootstrap, trim_mean
 from ..common.atomic import write_text
 from ..common.documents import load_arrays, read_json, read_yaml
 from ..common.errors import SealegsError
+from ..common.markdown import page, table
 from ..configs.check import Natural, checked
 from .run_folder import RunFolder
 
@@ -141,18 +142,13 @@ def summarize(folder: Path) -> str:
         raise SealegsError(f"A run in {folder} has no final policy that can be read ({error}).") from None
     values = {name: np.array(row, float) for name, row in final.items() if None not in row}
     means = {name: interquartile_mean(row) for name, row in values.items()}
-    lines = [
-        "| reward of an evaluation episode | " + " | ".join(values) + " |",
-        "|---" * (len(values) + 1) + "|",
-        *(
-            f"| {run.name} | " + " | ".join(f"{row[k]:.4g}" for row in values.values()) + " |"
-            for k, run in enumerate(runs)
-        ),
-        "| interquartile mean | " + " | ".join(f"{mean:.4g}" for mean, _, _ in means.values()) + " |",
-        "| its 95 % interval | " + " | ".join(_interval(low, high) for _, low, high in means.values()) + " |",
+    rows = [
+        *((run.name, *(f"{row[k]:.4g}" for row in values.values())) for k, run in enumerate(runs)),
+        ("interquartile mean", *(f"{mean:.4g}" for mean, _, _ in means.values())),
+        ("its 95 % interval", *(_interval(low, high) for _, low, high in means.values())),
     ]
-    text = "\n".join(lines)
-    write_text(folder / "seeds.md", f"# {folder.name}: {len(runs)} seeds\n\n{text}\n", replace=True)
+    text = table(("reward of an evaluation episode", *values), rows)
+    write_text(folder / "seeds.md", page(f"{folder.name}: {len(runs)} seeds", text), replace=True)
     document = {
         "seeds": {run.name: {name: float(row[k]) for name, row in values.items()} for k, run in enumerate(runs)},
         "interquartile_mean": {

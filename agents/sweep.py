@@ -25,6 +25,7 @@ from ..common.atomic import write_text
 from ..common.documents import read_mapping
 from ..common.errors import SealegsError, closest
 from ..common.extras import needed_for
+from ..common.markdown import page, table
 from ..configs.check import Count, checked, or_null
 from ..configs.compose import FOLDER, compose, groups, override, split
 from ..configs.script import Interrupted
@@ -309,16 +310,12 @@ class Study:
         rows += [
             (item, f"failed: trial{item.number}.log" if item.number in self.failed else "unfinished") for item in others
         ]
-        lines = [
-            f"# {self._folder.name}: {len(told)} of {self.trials} trials",
-            "",
-            "| trial | mean reward | " + " | ".join(self._plan.space) + " |",
-            "|---" * (len(self._plan.space) + 2) + "|",
-            *(f"| {item.number} | {said} | " + " | ".join(_cells(self._values(item))) + " |" for item, said in rows),
-        ]
-        if told:
-            lines += ["", f"Best policy: {self._folder / f'trial{told[0].number}'}"]
-        text = "\n".join(lines) + "\n"
+        cells = ((item.number, said, *_cells(self._values(item))) for item, said in rows)
+        text = page(
+            f"{self._folder.name}: {len(told)} of {self.trials} trials",
+            table(("trial", "mean reward", *self._plan.space), cells),
+            f"Best policy: {self._folder / f'trial{told[0].number}'}" if told else "",
+        )
         write_text(self._folder / TABLE, text, replace=True)
         return text
 

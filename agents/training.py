@@ -24,6 +24,7 @@ from stable_baselines3.common.callbacks import CallbackList
 from ..common.atomic import written
 from ..common.documents import read_json, read_yaml
 from ..common.errors import SealegsError
+from ..common.markdown import page, table
 from ..configs.script import Interrupted
 from ..envs.any_robot.user import is_user_task
 from ..envs.engine.sb3 import BatchVecEnv
@@ -248,12 +249,14 @@ class Session:
         """Write ``servo.md``: how hard the servos are driven, and the term of what they do not survive."""
         if not use["policy"]:  # its evaluation was made in an earlier session
             return
-        rows = [f"| | {' | '.join(use)} | weight of its term |", "|---" * (len(use) + 2) + "|"]
         weights = self.config.env.get("servo") or {}
-        for name, told in UNITS.items():
-            cells = (f"{column.get(name, math.nan):.3g}" for column in use.values())
-            rows.append(f"| {told} | {' | '.join(cells)} | env.servo.{name}: {weights.get(name, 0):g} |")
-        self.run.write_text("servo.md", "\n".join(["# How hard the servos are driven", "", *rows, ""]))
+        rows = (
+            (told, *(f"{column.get(name, math.nan):.3g}" for column in use.values()),
+             f"env.servo.{name}: {weights.get(name, 0):g}")
+            for name, told in UNITS.items()
+        )  # fmt: skip
+        text = page("How hard the servos are driven", table(("", *use, "weight of its term"), rows))
+        self.run.write_text("servo.md", text)
         hard = [name for name, most in HARD.items() if use["policy"].get(name, 0.0) > most]
         if hard:
             figures = ", ".join(f"{UNITS[name]}: {use['policy'][name]:.2g}" for name in hard)

@@ -29,6 +29,7 @@ import mujoco
 import numpy as np
 import scservo_sdk as sdk
 from sealegs.actuators import DrivenCoordinate
+from sealegs.common.markdown import page, table
 from sealegs.common.processes import end_with_parent
 from sealegs.envs.engine.robot import Robot
 from sealegs.hw.bus.packets import ReplyError
@@ -40,7 +41,7 @@ from sealegs.hw.virtual.rig import Rig, mounts
 from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
-from benchmarks.kept import command, page, study, table, write
+from benchmarks.kept import command, study, write
 
 COUNTS = (1, 3, 6, 12, 18)
 BAR = 0.95

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
+from sealegs.common.markdown import page, table
 
-from benchmarks.kept import RESULTS, Kept, command, page, read, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, read, study, write
 
 BINS = (0.0, 0.3, 0.6, 0.8, 0.9, 0.97, 1.0)
 SAME = {

@@ -32,6 +32,7 @@ from typing import Any
 
 import numpy as np
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 from sealegs.common.processes import end_with_parent
 from sealegs.gap.log import read_measured
 from sealegs.hw.bus.clock import Metronome
@@ -51,7 +52,7 @@ from sealegs.hw.virtual.server import Server
 from sealegs.hw.virtual.wire import Wire
 
 from benchmarks.bus import servo_row
-from benchmarks.kept import command, page, study, table, write
+from benchmarks.kept import command, study, write
 
 RATE, PARTS = 100.0, 10
 BARE = 0.5  # time of the bare loop over that of a part

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.common.markdown import page, table
 
-from benchmarks.kept import RESULTS, command, page, study, table, write
+from benchmarks.kept import RESULTS, command, study, write
 
 FACTORS = (1, 2, 4, 8)
 CORES = 2

@@ -22,10 +22,11 @@ from sealegs.agents.make_env import checked_env, make_vec_env
 from sealegs.agents.policy_files import episode_rewards, load_policy, trained_env
 from sealegs.agents.training import half_interval
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 from sealegs.envs.described.robot_described import largest_torque
 from sealegs.hw.virtual.machine import changed
 
-from benchmarks.kept import POLICIES, command, page, read, study, table, write
+from benchmarks.kept import POLICIES, command, read, study, write
 
 EPISODES = 16
 TRACK = "track"

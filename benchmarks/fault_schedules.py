@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 
-from benchmarks.kept import CHECKOUT, RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import CHECKOUT, RESULTS, Kept, command, study, write
 
 FIRST, NUMBER = 1000, 300
 LONGEST = 300  # characters of a finding that are kept

@@ -13,12 +13,13 @@ import sys
 
 import numpy as np
 from sealegs.agents.policy_files import load_policy
+from sealegs.common.markdown import page, table
 from sealegs.envs.hexapod.env import TOUCH
 from sealegs.envs.hexapod.gait import MODULATED
 from sealegs.envs.hexapod.parameters import LEGS
 from sealegs.envs.hexapod.robot import foot
 
-from benchmarks.kept import POLICIES, command, page, read, study, table, write
+from benchmarks.kept import POLICIES, command, read, study, write
 from benchmarks.learned import GAIT
 from benchmarks.rollouts import Act, Moved, walked
 

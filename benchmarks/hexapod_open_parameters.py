@@ -13,12 +13,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import table
 from sealegs.envs.hexapod.gait import Tripod
 from sealegs.envs.hexapod.parameters import NUMBERS
 from sealegs.papers.hexapod.measures import drawing
 from sealegs.papers.hexapod.paper import BREAKAWAY_AT_REST, WALKING, Machine, chains_with, stand_unpowered
 
-from benchmarks.kept import RESULTS, command, study, table
+from benchmarks.kept import RESULTS, command, study
 
 OUT = RESULTS / "hexapod_open_parameters.md"
 SPEED = 0.03  # [m/s] the fastest of the paper: its cycle is the shortest

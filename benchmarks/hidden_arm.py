@@ -16,10 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sealegs.common.markdown import page, table
 from sealegs.gap.finder.diagnosis import diagnose
 
 from benchmarks.hidden import revision, row_of
-from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 from testbed.arm import ARMS, record_arm
 from testbed.arm_effects import EFFECTS, STRANGERS
 from testbed.logs import hidden_arm

@@ -14,8 +14,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sealegs.common.markdown import page, table
+
 from benchmarks.hidden import Case, all_names, revision, run
-from benchmarks.kept import RESULTS, Kept, command, page, side_by_side, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, side_by_side, study, write
 
 
 def case_of(row: dict[str, Any]) -> Case:

@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.common.markdown import page, table
 
 from benchmarks.hidden import SURE, revision, row_of
-from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 from testbed.everyday import Drawn, drawn
 from testbed.everyday.machines import BENCH
 from testbed.everyday.recorded import effect_of_each

@@ -14,8 +14,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sealegs.common.markdown import table
+
 from benchmarks.hidden import REPORTED_SEED, Case, outcome, row_of
-from benchmarks.kept import RESULTS, Kept, command, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 from testbed import hidden_hopper
 from testbed.hopper import HOPPER_EFFECTS, HOPPER_STRANGERS, MAGNITUDES, Servo
 

@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from sealegs.common.markdown import page, table
 from sealegs.gap.finder.imu import diagnose_imu
 
-from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 from testbed.logs import measured_run
 from testbed.quadruped import BoughtImu, record_walker
 

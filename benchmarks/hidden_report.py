@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
+from sealegs.common.markdown import page, table
 
 from benchmarks.hidden import SURE, all_names, bounded, coverage, outcome, within_tolerance
-from benchmarks.kept import page, table, write
+from benchmarks.kept import write
 
 OUTCOMES = ("right", "rival", "not identifiable", "nothing", "unsure", "wrong")
 AT_THE_NOISE = 1.2

@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.common.markdown import page, table
 
 from benchmarks.calibration import calibration_error, is_right, picture
 from benchmarks.hidden import SURE, hides, limits_of, revision, row_of
-from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 
 FIRST = 1800
 NAMED = 0.6

@@ -16,10 +16,11 @@ import mujoco
 import numpy as np
 from sealegs.actuators import Chain, load_chain
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import table
 from sealegs.envs.hopper.parameters import NUMBERS
 from sealegs.papers.hopper.paper import CHAINS, PRINTED, Legs, measure
 
-from benchmarks.kept import RESULTS, command, study, table
+from benchmarks.kept import RESULTS, command, study
 
 OUT = RESULTS / "hopper_open_parameters.md"
 SECONDS = 8.0

@@ -117,19 +117,6 @@ def write(name: str | Path, page: str | None = None, document: Any = None) -> No
         file.with_name(f"{file.name}.md").write_text(page, encoding="utf-8")
 
 
-def table(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table of Markdown."""
-    heads = tuple(heads)
-    lines = (" | ".join(map(str, row)) for row in (heads, *rows))
-    head, *cells = (f"| {line} |" for line in lines)
-    return "\n".join([head, "|---" * len(heads) + "|", *cells])
-
-
-def page(title: str, *parts: str) -> str:
-    """A page of Markdown: its title, then paragraphs, tables and lists; what is empty is left out."""
-    return "\n\n".join([f"# {title}", *(part for part in parts if part)]) + "\n"
-
-
 def committed() -> list[str]:
     """The policies that come along, such as ``biped/seed0``: the first seed of all tasks, then the others."""
     names = (f"{path.parent.parent.name}/{path.parent.name}" for path in POLICIES.glob("*/*/policy.json"))

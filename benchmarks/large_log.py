@@ -25,9 +25,10 @@ import pyarrow as pa
 import yaml
 from pyarrow import csv as arrow_csv
 from pyarrow import parquet
+from sealegs.common.markdown import page, table
 from sealegs.gap.replay.joint_model import JointModel
 
-from benchmarks.kept import RESULTS, command, page, study, table, write
+from benchmarks.kept import RESULTS, command, study, write
 
 ROWS = (120_000, 1_000_000, 10_000_000)
 RATE = 200.0  # [Hz]

@@ -31,9 +31,10 @@ from sealegs.agents.config import train_config
 from sealegs.agents.policy_files import policy_step
 from sealegs.agents.seeds import Curve, read_curve
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 from sealegs.configs.script import Interrupted, run
 
-from benchmarks.kept import CHECKOUT, POLICIES, RESULTS, command, page, table, write
+from benchmarks.kept import CHECKOUT, POLICIES, RESULTS, command, write
 from benchmarks.learned import LEARNED, Bar, asked
 
 KEPT = ("policy.safetensors", "model.zip", "vecnormalize.pkl", "policy.json", "policy.onnx")  # of the policy

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from sealegs.agents.export import export_policy
+from sealegs.common.markdown import page, table
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
 from sealegs.evaluation.comparison import compare, verdict
@@ -33,7 +34,7 @@ from sealegs.hw.run.loop import ControlLoop
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import SimulatedPort, bus_in_process
 
-from benchmarks.kept import POLICIES, command, committed, page, read, study, table, write
+from benchmarks.kept import POLICIES, command, committed, read, study, write
 
 STARTS = {"ends": 50, "gaps": 20, "hidden": 1}
 SECONDS = (0.3, 8.0)  # of a run that is ended

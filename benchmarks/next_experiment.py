@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.common.markdown import page, table
 from sealegs.gap.experiment import GOAL_RATE, Experiment
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
-from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 
 EXPERIMENTS = 2
 POOR = {

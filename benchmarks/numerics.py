@@ -17,8 +17,9 @@ import numba
 import numpy as np
 from sealegs.actuators import Drivetrain, mounting
 from sealegs.actuators.chain import names as chains
+from sealegs.common.markdown import table
 
-from benchmarks.kept import CHECKOUT, command, study, table, write
+from benchmarks.kept import CHECKOUT, command, study, write
 
 HOLD = 0.01  # [s] between commands and samples
 DEFAULT = {"solref": (0.02, 1.0), "solimp": (0.9, 0.95, 0.001, 0.5, 2.0)}  # MuJoCo's own

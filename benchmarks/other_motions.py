@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sealegs.common.markdown import page, table
 from sealegs.gap.causes.unknown import with_believed_load
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.load.robot import Machine
@@ -22,7 +23,7 @@ from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.replay.free import FreeProblem, free_problem
 from sealegs.gap.replay.problem import converged
 
-from benchmarks.kept import DATA, page, study, table, write
+from benchmarks.kept import DATA, study, write
 from benchmarks.robot_logs import SO101_JOINTS, so101
 
 JOINTS = SO101_JOINTS[:5]

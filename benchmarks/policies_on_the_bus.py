@@ -22,6 +22,7 @@ import numpy as np
 from sealegs.agents.export import export_policy
 from sealegs.agents.make_env import make_vec_env
 from sealegs.agents.policy_files import load_policy
+from sealegs.common.markdown import page, table
 from sealegs.configs.compose import compose, split
 from sealegs.envs.contract import task_of
 from sealegs.hw.guard.safety import Limits, Safety
@@ -33,7 +34,7 @@ from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.in_process import bus_in_process
 from sealegs.hw.virtual.machine import Machine
 
-from benchmarks.kept import POLICIES, command, committed, page, read, study, table, write
+from benchmarks.kept import POLICIES, command, committed, read, study, write
 
 SECONDS = 60.0
 STARTS = 4

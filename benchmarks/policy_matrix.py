@@ -26,10 +26,11 @@ from sealegs.actuators import load_chain
 from sealegs.agents.policy_files import load_policy
 from sealegs.common.atomic import write_text
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 from sealegs.envs.hexapod.env import MOST
 from sealegs.envs.hopper.controller import BangBang, spring_stiffness
 
-from benchmarks.kept import POLICIES, RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import POLICIES, RESULTS, Kept, command, study, write
 from benchmarks.learned import OTHERS, Biped
 from benchmarks.rollouts import Act, Seeds, at_own_step, foot_errors, hopper_rewards, hops, moments, tool_errors, walked
 from benchmarks.verdicts import BETTER, LEAST_POLICIES, RULE, UNJUDGED, WORSE, Estimate, beside, estimate, over, short

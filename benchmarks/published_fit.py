@@ -21,12 +21,13 @@ import numba
 import numpy as np
 from scipy.optimize import least_squares
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 from sealegs.gap.log.parts import state_at
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.search.windows import SHORTEST, WINDOW
 from threadpoolctl import threadpool_limits
 
-from benchmarks.kept import command, page, study, table, write
+from benchmarks.kept import command, study, write
 from benchmarks.real_data import recorded
 
 OUR_SEEDS = 15  # how many starts a fit needs is chance: its median wants many

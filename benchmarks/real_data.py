@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from sealegs.common.errors import SealegsError
+from sealegs.common.markdown import page, table
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.importers import import_logs, read_mapping
@@ -24,7 +25,7 @@ from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.output.files import to_document
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
-from benchmarks.kept import DATA, RESULTS, command, page, study, table, write
+from benchmarks.kept import DATA, RESULTS, command, study, write
 
 GAINS = (400, 200, 100)
 PUBLISHED = {

@@ -18,13 +18,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sealegs.common.markdown import page, table
 from sealegs.gap.finder.diagnosis import diagnose, diagnose_joint
 from sealegs.gap.load.robot import Machine
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.prepare.request import Request
 
-from benchmarks.kept import CHECKOUT, command, page, read, study, table, write
+from benchmarks.kept import CHECKOUT, command, read, study, write
 from testbed.logs import hidden_arm, hidden_bench
 
 CAUSES = ("friction.coulomb", "friction.load_dependent", "drive.delay", "drive.gain")

@@ -21,13 +21,14 @@ import numpy as np
 import pyarrow.parquet
 import scipy.io
 import yaml
+from sealegs.common.markdown import table
 from sealegs.gap.finder.diagnosis import diagnose
 from sealegs.gap.log.reader import measured_set
 from sealegs.gap.log.types import MeasuredSet
 from sealegs.gap.verdict.verdict import JointDiagnosis
 
 from benchmarks.hidden import row_of
-from benchmarks.kept import CHECKOUT, DATA, RESULTS, Kept, read, study, table, write
+from benchmarks.kept import CHECKOUT, DATA, RESULTS, Kept, read, study, write
 
 WORK = CHECKOUT / "build" / "robot_logs"
 TORQUE_CHAIN = [{"delay": {"seconds": 0.0}}, {"torque_command": {}}]

@@ -16,13 +16,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sealegs.common.markdown import page, table
 from sealegs.gap.search.decide import decide
 from sealegs.gap.search.record import from_dict
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
 from sealegs.gap.search.structure import listed
 
 from benchmarks.hidden import Case, run, said
-from benchmarks.kept import RESULTS, Kept, command, page, study, table, write
+from benchmarks.kept import RESULTS, Kept, command, study, write
 from testbed import EFFECTS, STRANGERS
 
 RECORDS = RESULTS / "sensitivity.jsonl"

@@ -13,6 +13,7 @@ from mujoco.batch import Batch
 from sealegs.actuators import Chain, Drivetrain
 from sealegs.actuators.law import begin, torque
 from sealegs.actuators.layout import P_STATE_SIZE
+from sealegs.common.markdown import page, table
 from sealegs.envs.arm.robot import ARM
 from sealegs.envs.bench.robot import BENCH
 from sealegs.envs.biped.robot import BIPED
@@ -20,8 +21,6 @@ from sealegs.envs.engine.robot import Robot
 from sealegs.envs.hexapod.robot import HEXAPOD
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.envs.leg.robot import LEG
-
-from benchmarks.kept import page, table
 
 ROBOTS = {"bench": BENCH, "hopper": HOPPER, "biped": BIPED, "hexapod": HEXAPOD, "leg": LEG, "arm": ARM}
 CHAINS = {"ideal": 0.90, "regression": 0.90, "net": 0.60}  # and the ratio that each must reach

@@ -25,8 +25,9 @@ from sealegs.agents.sweep import TABLE, read_sweep, sweep
 from sealegs.agents.sweep_workers import reward_of
 from sealegs.common.errors import SealegsError
 from sealegs.common.extras import needed_for
+from sealegs.common.markdown import page, table
 
-from benchmarks.kept import command, page, study, table, write
+from benchmarks.kept import command, study, write
 
 NICENESS = "RAY_worker_niceness"  # of Ray
 NODES, TRIALS = 3, 6

@@ -23,11 +23,12 @@ from mujoco.batch import Batch
 from sealegs.agents.make_env import checked_env, make_vec_env
 from sealegs.agents.policy_files import load_policy, trained_env
 from sealegs.common.documents import read_yaml
+from sealegs.common.markdown import page, table
 from sealegs.configs.compose import FOLDER
 from sealegs.envs.any_robot.walk import WalkTask
 from sealegs.envs.robots import get_robot
 
-from benchmarks.kept import command, page, read, study, table, write
+from benchmarks.kept import command, read, study, write
 from benchmarks.speed import bare_model, interleaved
 
 GAIT = "reference gait"

@@ -288,7 +288,7 @@ def keep(file: Path, config: Mapping[str, Any]) -> None:
 def tell(out: Path, folders: Mapping[str, Path]) -> None:
     """Print and draw the gap before and after."""
     from ..evaluation.figures import told_error
-    from ..evaluation.picture import draw_gap
+    from ..evaluation.pictures import draw_gap
 
     documents = {name: read_json(folder / "comparison.json") for name, folder in folders.items()}
     heading("What came of it")

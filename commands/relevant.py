@@ -103,9 +103,9 @@ def analyse(
         "balance": [run.balance() for run in runs],
     }
     write_text(out / "relevant.json", json.dumps(result, indent=1) + "\n")
-    from ..evaluation.relevant_plots import draw
+    from ..evaluation.pictures import draw_parts
 
-    pictures = draw(mover.names, runs, out)
+    pictures = draw_parts(mover.names, runs, out)
     parts = list(next(iter(verdict.shares.values())))
     wide = max(map(len, mover.names))
     print(f"\nlargest share of the motor's torque over all runs; * under {RULE:.0%}: can be left out")

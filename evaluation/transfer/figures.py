@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import trim_mean
 
+from ...common.markdown import page
+from ...common.markdown import table as markdown
 from .cells import DRAWN, EVERY, EXTENDED, FINE, HAND, LIMIT, NOMINAL, REFERENCES, SHORT, TREATMENTS
 
 DRAWS = 2000
@@ -123,35 +125,25 @@ def table(
         told: lines about the study: how it was run.
         hidden: by machine, what it hides (``effects``) and what was named at its joints (``joints``).
     """
-    lines = ["# Transfer", "", *told, ""]
-    lines += ["| trained on | share of the limit's accuracy, IQM (95 %) | median machine | way to the limit closed |"
-              " better than both randomisations | worse than nominal |", "|---|---|---|---|---|---|"]  # fmt: skip
+    heads = ("trained on", "share of the limit's accuracy, IQM (95 %)", "median machine", "way to the limit closed",
+             "better than both randomisations", "worse than nominal")  # fmt: skip
+    over_all, hides = [], []
     for treatment in (*REFERENCES, *TREATMENTS):
         found = figures_of(errors, treatment)
         if found is None:
             continue
         middle, low, high = found.share
         tried = treatment in (EXTENDED, DRAWN, SHORT, FINE)
-        cells = (
+        over_all.append((
             treatment,
             f"{middle:.2f} ({low:.2f} to {high:.2f})",
             f"{found.median:.2f}",
             "-" if treatment == NOMINAL else f"{found.closed:.0%}",
             f"{found.better} of {found.machines}" if tried else "-",
             "-" if treatment == NOMINAL else f"{len(found.worse)}",
-        )
-        lines.append(f"| {' | '.join(cells)} |")
+        ))  # fmt: skip
     names = [t for t in (*REFERENCES, *TREATMENTS) if any(t in own for own in errors.values())]
-    lines += ["", "Error on the machine, rms, mean of the seeds (smallest to largest) [mrad]:", ""]
-    lines += [f"| machine | {' | '.join(names)} |", f"|---|{'---|' * len(names)}"]
-    for name, own in errors.items():
-        lines.append(f"| {name} | {' | '.join(_told(own.get(treatment)) for treatment in names)} |")
-    lines += [
-        "",
-        "What each machine hides, with how far it moves the log [mrad, rms], and what the diagnosis named:",
-        "",
-    ]
-    lines += ["| machine | hidden | named | way to the limit closed, extended |", "|---|---|---|---|"]
+    each = ((name, *(_told(own.get(treatment)) for treatment in names)) for name, own in errors.items())
     for name, own in errors.items():
         found = figures_of({name: own}, EXTENDED)
         effects = [
@@ -163,10 +155,17 @@ def table(
             for cause, sure in row["causes"].items()
         ]
         closed = "-" if found is None else f"{found.closed:.0%}"
-        lines.append(f"| {name} | {', '.join(effects) or '-'} | {', '.join(named) or '-'} | {closed} |")
-    if passed_over:
-        lines += ["", f"Passed over, since nominal lost too little there: {', '.join(passed_over)}."]
-    return "\n".join(lines) + "\n"
+        hides.append((name, ", ".join(effects) or "-", ", ".join(named) or "-", closed))
+    return page(
+        "Transfer",
+        "\n".join(told),
+        markdown(heads, over_all),
+        "Error on the machine, rms, mean of the seeds (smallest to largest) [mrad]:",
+        markdown(("machine", *names), each),
+        "What each machine hides, with how far it moves the log [mrad, rms], and what the diagnosis named:",
+        markdown(("machine", "hidden", "named", "way to the limit closed, extended"), hides),
+        f"Passed over, since nominal lost too little there: {', '.join(passed_over)}." if passed_over else "",
+    )
 
 
 def _told(values: np.ndarray | None) -> str:

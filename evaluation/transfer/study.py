@@ -116,9 +116,9 @@ def tell(study: Study, out: Path, chosen: Sequence[Hidden], passed_over: Sequenc
     for robot in study.robots:
         own: Errors = {name: errors[name] for name in machines if name.startswith(f"{robot}-")}
         if own:
-            from .picture import draw
+            from ..pictures import draw_treatments
 
-            draw(robot, own, out / f"{robot}.png")
+            draw_treatments(robot, own, (*REFERENCES[:1], *TREATMENTS), out / f"{robot}.png")
     return document
 
 

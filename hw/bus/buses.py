@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .clock import Clock
-from .interface import Address, local
+from .interface import Address, Failing, Pace, local
 from .packets import BusError, ReplyError
-from .servo_bus import Failing, ServoBus
+from .servo_bus import ServoBus
 from .servo_state import ServoState
 
 T = TypeVar("T")
@@ -209,8 +209,8 @@ class BusGroup:
         self,
         ids: Sequence[int],
         position: Sequence[float] | np.ndarray,
-        velocity: float | Sequence[float] | np.ndarray | None = None,
-        acceleration: float | Sequence[float] | np.ndarray | None = None,
+        velocity: Pace = None,
+        acceleration: Pace = None,
     ) -> float:
         """Send goals, a packet on each bus; clock as the last one went out [s].
 

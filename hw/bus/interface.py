@@ -50,6 +50,8 @@ def named(servos: Iterable[int]) -> list[int | str]:
     return [str(servo) if isinstance(servo, Address) else servo for servo in servos]
 
 
+Pace = float | Sequence[float] | np.ndarray | None
+"""A limit of a move: of all servos or of each (n,); None: the register keeps its value."""
 Failing = Callable[[Sequence[int], BusError], None]
 """Told which servos could not be brought to rest, and why."""
 
@@ -127,8 +129,8 @@ class Bus(Protocol):
         self,
         ids: Sequence[int],
         position: Sequence[float] | np.ndarray,
-        velocity: float | Sequence[float] | np.ndarray | None = None,
-        acceleration: float | Sequence[float] | np.ndarray | None = None,
+        velocity: Pace = None,
+        acceleration: Pace = None,
     ) -> float:
         """Send goals [rad], or [rad/s] of servos that are told speeds; clock behind it [s]."""
         ...

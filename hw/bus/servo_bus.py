@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from .interface import Failing
+from .interface import Failing, Pace
 from .packets import BusError, ConfigurationError, NoReplyError, NotWrittenError, RegisterError, ReplyError, in_words
 from .port import BusPort
 from .readings import ServoReadings
@@ -179,8 +179,8 @@ class ServoBus(ServoReadings):
         self,
         ids: Sequence[int],
         position: Sequence[float] | np.ndarray,
-        velocity: float | Sequence[float] | np.ndarray | None = None,
-        acceleration: float | Sequence[float] | np.ndarray | None = None,
+        velocity: Pace = None,
+        acceleration: Pace = None,
     ) -> float:
         """Send goals to all servos in one packet, which no servo acknowledges.
 
@@ -239,11 +239,7 @@ class ServoBus(ServoReadings):
         return servo in self.turning or (mode is not None and self.read_register(servo, mode.register) == mode.value)
 
     def write_goal_steps(
-        self,
-        ids: Sequence[int],
-        steps: Sequence[int] | np.ndarray,
-        velocity: float | Sequence[float] | np.ndarray | None = None,
-        acceleration: float | Sequence[float] | np.ndarray | None = None,
+        self, ids: Sequence[int], steps: Sequence[int] | np.ndarray, velocity: Pace = None, acceleration: Pace = None
     ) -> float:
         """As :meth:`write_goals`, with goals in steps of the encoder (n,)."""
         goal = self.model["goal_position"]

@@ -204,15 +204,7 @@ class DynamixelServo(Firmware):
             return
         speed = self.get("profile_velocity") * self.model.si("profile_velocity") / step or math.inf
         ramp = self.get("profile_acceleration") * self.model.si("profile_acceleration") / step
-        left = self._goal - self.target
-        if ramp:
-            self._profile_speed = min(self._profile_speed + ramp * span, speed)
-            speed = min(self._profile_speed, math.sqrt(2.0 * ramp * abs(left)))
-        change = speed * span
-        if abs(left) <= max(change, 1e-3):
-            self.target, self._profile_speed = self._goal, 0.0
-        else:
-            self.target += math.copysign(change, left)
+        self.approach(speed, ramp, span)
 
     def goal_steps(self) -> float:
         """Step that the joint is steered to."""

@@ -77,7 +77,7 @@ class Firmware:
         self.unsigned = self.latched = self.locked = self.forgetful = False
         self.refused: str | None = None
         self.wheel, self.speed = False, 0.0
-        self.target = 0.0
+        self.target = self._goal = self._profile_speed = 0.0
         self._history: list[int] = []
         self._velocity = 0.0  # [step/s]
 
@@ -136,6 +136,19 @@ class Firmware:
         """Bring the wheel nearer to a speed [step/s], by ``most`` [step/s2] at most (0: any), within ``span`` [s]."""
         step = most * span if most else math.inf
         self.speed += min(max(wanted - self.speed, -step), step)
+
+    def approach(self, speed: float, ramp: float, span: float) -> None:
+        """Bring the set-point nearer to its goal within ``span`` [s], at ``speed`` [step/s] at most, and so that it can
+        come to rest there by ``ramp`` [step/s2] (0: any)."""
+        left = self._goal - self.target
+        if ramp:
+            self._profile_speed = min(self._profile_speed + ramp * span, speed)
+            speed = min(self._profile_speed, math.sqrt(2.0 * ramp * abs(left)))
+        change = speed * span
+        if abs(left) <= max(change, 1e-3):
+            self.target, self._profile_speed = self._goal, 0.0
+        else:
+            self.target += math.copysign(change, left)
 
     def _role(self, role: str) -> str:
         name = self.model.role(role)

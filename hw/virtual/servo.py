@@ -60,7 +60,7 @@ class Servo(Firmware):
         self._velocity = 0.0
         self.target = float(self._actual(self.get("goal_position")))
         self._goal = self.target
-        self._move_speed, self._move_ramp, self._profile_speed = math.inf, math.inf, 0.0
+        self._move_speed, self._move_ramp, self._profile_speed = math.inf, 0.0, 0.0
 
     # --- requests ----------------------------------------------------------------------------------------------
 
@@ -194,7 +194,7 @@ class Servo(Firmware):
         top = self.get("max_velocity") * 50
         unlimited = float(top if ramp else 0) or math.inf
         self._move_speed = float(speed or (unlimited if self.get("phase") & 8 else 0.0))
-        self._move_ramp = float(ramp) or math.inf
+        self._move_ramp = float(ramp)
         if math.isinf(self._move_speed) and self.get("operating_mode") == MODE_POSITION:
             self.target = self._goal
 
@@ -222,16 +222,7 @@ class Servo(Firmware):
             unit = 1 if self.get("phase") & 4 else 50
             self.target += self.get("goal_velocity") * unit * span
             return
-        left = self._goal - self.target
-        speed = self._move_speed
-        if math.isfinite(self._move_ramp):
-            self._profile_speed = min(self._profile_speed + self._move_ramp * span, speed)
-            speed = min(self._profile_speed, math.sqrt(2.0 * self._move_ramp * abs(left)))
-        change = speed * span
-        if abs(left) <= max(change, 1e-3):
-            self.target, self._profile_speed = self._goal, 0.0
-        else:
-            self.target += math.copysign(change, left)
+        self.approach(self._move_speed, self._move_ramp, span)
 
     def goal_steps(self) -> float:
         """Step that the joint is steered to, in the turn that it shows: the loop does not take the short way."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...envs.arm.tables import DAMPING, JOINTS, STIFFNESS
 from ...envs.arm.trajectory import Line
-from ...evaluation.plot_style import STYLE, plt
+from ...evaluation.pictures import STYLE, plt
 from .dynamics import inverse
 from .paper import DAMPINGS, HIGHEST, MARKS, SPRING, STATOR, Results
 

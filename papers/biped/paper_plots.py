@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...envs.biped.drive import DRIVES
-from ...evaluation.plot_style import STYLE, plt
+from ...evaluation.pictures import STYLE, plt
 from .hopping import NAMES, Hopping, hop_times
 from .paper import SHOWN, SpringTest
 

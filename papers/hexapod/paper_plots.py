@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...evaluation.plot_style import STYLE, plt
+from ...evaluation.pictures import STYLE, plt
 from .paper import Standing, Walk
 
 COLOURS = {"none": "tab:gray", "dry/viscous": "tab:orange", "LuGre": "tab:blue", "dry/viscous 2": "tab:red"}

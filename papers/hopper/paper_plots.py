@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...evaluation.plot_style import STYLE, plt
+from ...evaluation.pictures import STYLE, plt
 from .paper import SETTLING, Hops, by_period, flexions
 
 COLOURS = {"with actuator": "tab:blue", "without actuator": "tab:red"}

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...envs.leg.kinematics import lengthening
 from ...envs.leg.robot import JOINTS
-from ...evaluation.plot_style import STYLE, plt
+from ...evaluation.pictures import STYLE, plt
 from .dynamics import gravity
 from .paper import OWN_SPEED, Analysis, Contributions, coriolis_error, linear, peak
 

@@ -12,7 +12,7 @@ import yaml
 from sealegs.agents.config import read_config
 from sealegs.commands import demo, deploy, diagnose, evaluate, loop, train
 from sealegs.configs.compose import compose, split
-from sealegs.evaluation import picture as comparison_picture
+from sealegs.evaluation import pictures as comparison_picture
 from sealegs.hw.machine.own_robot import READERS
 
 SHORT = ["excitations=[chirp]", "loads=[{mass:0.3,length:0.1}]"]

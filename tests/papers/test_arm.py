@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from sealegs.actuators import DrivenCoordinate, Drivetrain
 from sealegs.common.errors import SealegsError
 from sealegs.envs.arm.env import ArmTask
@@ -250,12 +248,6 @@ def test_a_mark_is_found_between_two_values() -> None:
 
 
 # --- the environment -------------------------------------------------------------------------------------------------
-
-
-def test_the_environment_is_one_that_gymnasium_accepts() -> None:
-    import sealegs  # noqa: F401
-
-    check_env(gymnasium.make("SeaLegs/Arm-v0").unwrapped, skip_render_check=True)
 
 
 @pytest.mark.long

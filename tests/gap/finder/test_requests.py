@@ -44,8 +44,16 @@ from sealegs.gap.verdict.verdict import JointDiagnosis, Refused
 
 from testbed import hidden_hopper
 from tests.logged_robots import two_link_run
-from tests.raising import raising
 from tests.waiting import wait_until
+
+
+def raising(error: Exception) -> Callable[..., Any]:
+    """A function that fails, in the place of one that may."""
+
+    def fails(*given: Any, **more: Any) -> Any:
+        raise error
+
+    return fails
 
 
 def not_diagnosed(runs: Any, joint: str, *more: Any) -> JointDiagnosis:

@@ -87,7 +87,6 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         verdict=UNUSABLE,
         sentence="The log cannot be used: time runs backwards.",
         signal="wrist.position",
-        unit="rad",
         unexplained=1.0,
     )
     gap = {"nominal": 0.0007, "refitted": 0.0006, "extended": 0.0006, "noise_floor": 0.0006}
@@ -96,7 +95,6 @@ def rich(small: tuple[JointDiagnosis, MeasuredSet]) -> list[JointDiagnosis]:
         verdict="nothing to explain",
         sentence="Nothing to explain: within 0.7 mrad.",
         signal="pan.position",
-        unit="rad",
         gap={name: Error(rmse, 0.8 * rmse) for name, rmse in gap.items()},
         reasons=(Reason("agrees", "It agrees."), Reason("limits", "A wall.")),
         limits=(DetectionLimit("drive.delay", "delay.seconds", "s", 0.0, -np.inf, 0.004),),

@@ -78,7 +78,6 @@ FOUND = JointDiagnosis.of(
     verdict=NOT_IDENTIFIABLE,
     sentence="The gap of 'servo' may be drive.delay and friction.position_dependent, but load.mass fits about as well.",
     signal="servo.position",
-    unit="rad",
     causes=CAUSES,
     unexplained=0.001,
     experiment=PLAN,
@@ -117,7 +116,6 @@ def test_without_a_cause_the_reasons_are_told() -> None:
         verdict=EXPLAINED,
         sentence="Nothing.",
         signal="servo.position",
-        unit="rad",
         reasons=(Reason("agrees", "The noise is 0.62 mrad."),),
     )
     assert any("The noise is 0.62 mrad." in line for line in screen([bare], {}))
@@ -135,7 +133,6 @@ def test_what_a_log_would_not_show_is_told_by_family() -> None:
         verdict=NOTHING,
         sentence="Nothing to explain: fine.",
         signal="servo.position",
-        unit="rad",
         reasons=(Reason("limits", "A wall."),),
         limits=limits,
     )

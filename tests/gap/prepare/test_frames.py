@@ -176,12 +176,7 @@ def test_a_frame_that_is_given_for_one_joint_leaves_the_others_to_be_found(run: 
 def test_a_saved_diagnosis_says_in_which_frames_its_values_are(tmp_path: Path) -> None:
     frames = {"elbow": {"zero": 0.8, "direction": -1}}
     joint = JointDiagnosis.of(
-        joint="elbow",
-        verdict=NOTHING,
-        sentence="Nothing to explain.",
-        signal="elbow.position",
-        unit="rad",
-        frames=frames,
+        joint="elbow", verdict=NOTHING, sentence="Nothing to explain.", signal="elbow.position", frames=frames
     )
     document = document_of([joint], "arm", ["run"])
     write_document(document, tmp_path / "diagnosis.json")

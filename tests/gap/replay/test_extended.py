@@ -58,13 +58,7 @@ def diagnosed(values: dict[str, float]) -> tuple[Extended, FreeProblem]:
     run = measured()
     problem = free_problem([run], "servo", [NOMINAL], cut([run], "servo", None), {"position": 1e3})
     found = JointDiagnosis.of(
-        joint="servo",
-        verdict="explained",
-        sentence="",
-        signal="servo.position",
-        unit="rad",
-        values=values,
-        replay=Replay(problem, problem),
+        joint="servo", verdict="explained", signal="servo.position", values=values, replay=Replay(problem, problem)
     )
     changes = []
     for path, value in values.items():
@@ -162,9 +156,7 @@ def test_numbers_of_a_refitted_model_are_marked_as_refitted() -> None:
     found = JointDiagnosis.of(
         joint="servo",
         verdict="partly explained",
-        sentence="",
         signal="servo.position",
-        unit="rad",
         values={"friction.coulomb*": 4.0},
         replay=Replay(problem, problem),
         search=NO_SEARCH,
@@ -176,14 +168,7 @@ def test_numbers_of_a_refitted_model_are_marked_as_refitted() -> None:
 
 def test_a_diagnosis_without_a_model_says_so_instead_of_standing_for_the_nominal_machine() -> None:
     """It was None, which make_env takes for the machine as believed."""
-    refused = JointDiagnosis.of(
-        joint="servo",
-        verdict="unusable log",
-        sentence="",
-        signal="servo.position",
-        unit="rad",
-        unexplained=1.0,
-    )
+    refused = JointDiagnosis.of(joint="servo", verdict="unusable log", signal="servo.position", unexplained=1.0)
     diagnosis = sealegs.Diagnosis("bench", ("run",), (refused,), MeasuredSet((measured(),), "bench"))
     with pytest.raises(SealegsError, match="the diagnosis of bench holds no extended model"):
         sealegs.make_env("bench", extended=diagnosis.extended)

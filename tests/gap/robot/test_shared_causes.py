@@ -54,14 +54,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> MeasuredRun:
 
 
 def found_of_robot(number: str, value: float) -> JointDiagnosis:
-    return JointDiagnosis.of(
-        joint=ROBOT,
-        verdict="explained",
-        sentence="",
-        signal="",
-        unit="rad",
-        values={number: value},
-    )
+    return JointDiagnosis.of(joint=ROBOT, verdict="explained", signal="", values={number: value})
 
 
 def numbers(machine: LoggedRobot) -> dict[str, tuple[Direction, float]]:

@@ -1,9 +1,11 @@
-"""Files appear whole or not at all, and two runs that begin within one second have two names."""
+"""Files, folders and processes that a stop or a kill interrupts are whole or gone."""
 
 from __future__ import annotations
 
 import errno
+import multiprocessing
 import os
+import time
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,10 @@ import pytest
 from sealegs.commands import cli, loop
 from sealegs.common import atomic
 from sealegs.common.atomic import REPLACED, UNFINISHED, finish_replacements, folder_written, write_text, written
+from sealegs.common.processes import worker_pool
 
 from tests.servo_runs import PATIENT
+from tests.waiting import wait_until
 
 
 def test_a_file_appears_when_its_block_ends(tmp_path: Path) -> None:
@@ -133,3 +137,15 @@ def test_what_a_stop_left_is_put_beside_what_an_earlier_one_left(tmp_path: Path)
         loop.put_aside(folder, tmp_path)
     kept = sorted(path.read_text() for path in (tmp_path / "unfinished").glob("policy-*/notes"))
     assert kept == ["first", "second"]
+
+
+# --- processes ------------------------------------------------------------------------------------------------------
+
+
+def test_no_process_of_a_pool_outlives_an_interrupt() -> None:
+    before = set(multiprocessing.active_children())
+    with pytest.raises(KeyboardInterrupt), worker_pool(2) as pool:
+        jobs = [pool.submit(time.sleep, 3600.0) for _ in range(2)]
+        wait_until(lambda: all(job.running() for job in jobs))
+        raise KeyboardInterrupt
+    wait_until(lambda: not set(multiprocessing.active_children()) - before)
