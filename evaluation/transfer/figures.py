@@ -156,8 +156,7 @@ def table(
         ]
         closed = "-" if found is None else f"{found.closed:.0%}"
         hides.append((name, ", ".join(effects) or "-", ", ".join(named) or "-", closed))
-    return page(
-        "Transfer",
+    parts = [
         "\n".join(told),
         markdown(heads, over_all),
         "Error on the machine, rms, mean of the seeds (smallest to largest) [mrad]:",
@@ -165,7 +164,8 @@ def table(
         "What each machine hides, with how far it moves the log [mrad, rms], and what the diagnosis named:",
         markdown(("machine", "hidden", "named", "way to the limit closed, extended"), hides),
         f"Passed over, since nominal lost too little there: {', '.join(passed_over)}." if passed_over else "",
-    )
+    ]
+    return page("Transfer", *parts)
 
 
 def _told(values: np.ndarray | None) -> str:
