@@ -144,10 +144,7 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         if values is None:
             continue
         if not np.isfinite(values).any():
-            yield Finding(
-                "column.empty", "warning", joint.name, joint.column(signal),
-                f"{joint.column(signal)} holds no value; leave the column out.", data_error=True,
-            )  # fmt: skip
+            yield joint.fault("column.empty", "warning", signal, None, "holds no value; leave the column out.")
             continue
         if signal in EFFORTS and joint.chain is not None and signal not in predicted(joint.chain) and not values.any():
             continue  # a servo without a motor has neither current nor duty to report
@@ -164,11 +161,10 @@ def _stuck(joint: JointContext) -> Iterator[Finding]:
         stuck[stuck] = _should_change(joint, values, list(zip(starts[stuck], ends[stuck] + 1, strict=True)))
         if stuck.any():
             worst = int(np.argmax(np.where(stuck, length, 0.0)))
-            yield Finding(
-                "column.stuck", "warning", joint.name, joint.column(signal),
-                f"{joint.column(signal)} stays at {values[starts[worst]]:.4g} for {length[worst]:.3g} s from "
-                f"{joint.time[starts[worst]]:.4g} s while the joint moves: the reading was not updated.",
-                value=float(length[worst]), data_error=True,
+            yield joint.fault(
+                "column.stuck", "warning", signal, float(length[worst]),
+                f"stays at {values[starts[worst]]:.4g} for {length[worst]:.3g} s from {joint.time[starts[worst]]:.4g} "
+                "s while the joint moves: the reading was not updated.",
             )  # fmt: skip
 
 
@@ -220,41 +216,39 @@ def _velocity(joint: JointContext, velocity: Array) -> Iterator[Finding]:
     scale = float(lag.coefficients[0]) / np.sqrt(lag.r2)
     margin = 2.0 * float(lag.spread[0]) + 0.5 * (1.0 / np.sqrt(lag.r2) - 1.0)
     as_logged = float(lag.coefficients_now[0]) / np.sqrt(lag.r2)
-    name = joint.column("velocity")
     late = abs(lag.seconds) > LAG_TOLERANCE and lag.low * lag.high > 0 and (1 - lag.r2_now) > 1.3 * (1 - lag.r2)
     if (unit := velocity_unit(scale)) not in (None, "rad/s"):
         yield _in_unit(joint, "velocity", "position", unit, scale)
         return
     if same_unit(-scale):
-        yield Finding(
-            "velocity.sign", "error", joint.name, name,
-            f"{name} has the wrong sign: it is {scale:.3g} times the derivative of the position.",
-            value=scale, data_error=True,
+        yield joint.fault(
+            "velocity.sign", "error", "velocity", scale,
+            f"has the wrong sign: it is {scale:.3g} times the derivative of the position.",
         )  # fmt: skip
         return
     if not same_unit(scale):
-        yield Finding(
-            "velocity.gear_side", "error", joint.name, name,
-            f"{name} is {scale:.4g} times the derivative of the position: it belongs to the other side of a gear or to "
+        yield joint.fault(
+            "velocity.gear_side", "error", "velocity", scale,
+            f"is {scale:.4g} times the derivative of the position: it belongs to the other side of a gear or to "
             "another unit.",
-            value=scale, low=scale * (1.0 - margin), high=scale * (1.0 + margin), cause="sensor.scale", data_error=True,
+            low=scale * (1.0 - margin), high=scale * (1.0 + margin), cause="sensor.scale",
         )  # fmt: skip
         return
     if abs(scale - 1.0) > SCALE_TOLERANCE + margin or (late and abs(as_logged - 1.0) > SCALE_TOLERANCE):
         aligned = f"; {scale:.3f} once its delay of {lag.seconds * 1e3:.0f} ms is taken out" if late else ""
         value = as_logged if late else scale
-        yield Finding(
-            "velocity.scale", "warning", joint.name, name,
-            f"{name} is {value:.3f} times the derivative of the position{aligned}; use the position instead.",
-            value=value, low=value - margin, high=value + margin, cause="sensor.scale", data_error=True,
+        yield joint.fault(
+            "velocity.scale", "warning", "velocity", value,
+            f"is {value:.3f} times the derivative of the position{aligned}; use the position instead.",
+            low=value - margin, high=value + margin, cause="sensor.scale",
         )  # fmt: skip
     if late:
         side = "late" if lag.seconds > 0 else "early"
-        yield Finding(
-            "velocity.lag", "warning", joint.name, name,
-            f"{name} is {abs(lag.seconds) * 1e3:.1f} ms {side} of the position's derivative "
-            f"({abs(lag.low) * 1e3:.1f} to {abs(lag.high) * 1e3:.1f} ms); use the position instead.",
-            value=lag.seconds, low=lag.low, high=lag.high, cause="sensor.delay", data_error=True,
+        yield joint.fault(
+            "velocity.lag", "warning", "velocity", lag.seconds,
+            f"is {abs(lag.seconds) * 1e3:.1f} ms {side} of the position's derivative ({abs(lag.low) * 1e3:.1f} to "
+            f"{abs(lag.high) * 1e3:.1f} ms); use the position instead.",
+            low=lag.low, high=lag.high, cause="sensor.delay",
         )  # fmt: skip
 
 
@@ -269,24 +263,22 @@ def _goal_velocity(joint: JointContext, goal: Array, velocity: Array) -> Iterato
     lag = _beside_derivative(joint, velocity, goal)
     if lag is None:
         return
-    scale, name = float(lag.coefficients[0]) / np.sqrt(lag.r2), joint.column("goal_velocity")
+    scale = float(lag.coefficients[0]) / np.sqrt(lag.r2)
     if scale > 0.0 and (unit := velocity_unit(scale)) not in (None, "rad/s"):
         yield _in_unit(joint, "goal_velocity", "goal", unit, scale)
     elif not same_unit(scale):
-        yield Finding(
-            "goal_velocity.scale", "warning", joint.name, name,
-            f"{name} is {scale:.4g} times the derivative of the goal; it stays, as what the drive was told. If it is "
-            "in another unit, or of the other side of a gear, correct it.",
-            value=scale,
+        yield joint.remark(
+            "goal_velocity.scale", "warning", "goal_velocity", scale,
+            f"{joint.column('goal_velocity')} is {scale:.4g} times the derivative of the goal; it stays, as what the "
+            "drive was told. If it is in another unit, or of the other side of a gear, correct it.",
         )  # fmt: skip
 
 
 def _in_unit(joint: JointContext, signal: str, of: str, unit: str | None, scale: float) -> Finding:
-    name = joint.column(signal)
-    return Finding(
-        "unit.velocity", "error", joint.name, name,
-        f"{name} is in {unit}, not in rad/s: it is {scale:.4g} times the derivative of the {of}.",
-        value=scale, cause="sensor.scale" if signal == "velocity" else None, data_error=True,
+    return joint.fault(
+        "unit.velocity", "error", signal, scale,
+        f"is in {unit}, not in rad/s: it is {scale:.4g} times the derivative of the {of}.",
+        cause="sensor.scale" if signal == "velocity" else None,
     )  # fmt: skip
 
 
@@ -316,11 +308,10 @@ def check_unsigned(joints: Sequence[JointContext], run: str | None) -> Iterator[
         pushes, speeds = (np.concatenate(part) for part in ([*map(_push, those)], [joint.velocity for joint in those]))
         if _goes_both_ways(pushes[moving]) and _goes_both_ways(speeds[moving]):
             joint = those[0]
-            yield Finding(
-                f"{signal}.unsigned", "warning", joint.name, joint.column(signal),
-                f"{joint.column(signal)} is never negative although the drive pushes both ways: it is a magnitude "
-                "without its sign.",
-                value=float(known.min()), data_error=True, run=run,
+            yield joint.fault(
+                f"{signal}.unsigned", "warning", signal, float(known.min()),
+                "is never negative although the drive pushes both ways: it is a magnitude without its sign.",
+                run=run,
             )  # fmt: skip
 
 
@@ -351,9 +342,8 @@ def _voltage(joint: JointContext, voltage: Array, duty: Array) -> Iterator[Findi
     above = float((volts[busy] > rest + margin).mean())
     below = float((volts[busy] < rest - margin).mean())
     if above > 0.02 and above + below > 0.05:
-        yield Finding(
-            "voltage.aliased", "warning", joint.name, joint.column("voltage"),
-            f"{joint.column('voltage')} reads {volts.min():.3g} to {volts.max():.3g} V around {rest:.3g} V at rest, "
-            "above it as well as below while the duty is on: it aliases the PWM ripple and shows no sag of the supply.",
-            value=float(np.ptp(volts)), data_error=True,
+        yield joint.fault(
+            "voltage.aliased", "warning", "voltage", float(np.ptp(volts)),
+            f"reads {volts.min():.3g} to {volts.max():.3g} V around {rest:.3g} V at rest, above it as well as below "
+            "while the duty is on: it aliases the PWM ripple and shows no sag of the supply.",
         )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ...actuators.chain import Chain, load_chain
 from ...common.errors import SealegsError
 from ..load.robot import LoggedRobot, robot_of
 from ..load.units import run_in_model_units
+from ..log.finding import Finding, Severity
 from ..log.types import Array, JointLog, MeasuredRun
 from .signal import DERIVATIVE_WINDOW, derivatives, quantisation_step, sample_noise
 
@@ -34,6 +36,16 @@ class JointContext:
     def column(self, signal: str) -> str:
         """Return a column's name in the file."""
         return f"{self.name}.{signal}"
+
+    def remark(
+        self, code: str, severity: Severity, signal: str, value: float | None, sentence: str, **more: Any
+    ) -> Finding:
+        """Return a finding about a column; ``more`` are other attributes of it."""
+        return Finding(code, severity, self.name, self.column(signal), sentence, value, **more)
+
+    def fault(self, code: str, severity: Severity, signal: str, value: float | None, what: str, **more: Any) -> Finding:
+        """Return what is wrong with the data of a column; ``what`` goes on after its name."""
+        return self.remark(code, severity, signal, value, f"{self.column(signal)} {what}", data_error=True, **more)
 
     @cached_property
     def chain(self) -> Chain | None:

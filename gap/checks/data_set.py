@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..load.units import POSITIONS
 from ..log.finding import Finding
 from ..log.types import Array, JointLog, LogError, MeasuredRun, MeasuredSet
 from .columns import check_clock, check_columns, check_stamps, check_unsigned, regular
@@ -201,7 +202,6 @@ def _across(data: MeasuredSet) -> Iterator[Finding]:
 #
 # A column in a known unit is converted, a false one is set aside.
 
-ANGLE_SIGNALS = ("position", "goal", "link_position")
 Mend = Callable[[MeasuredRun, Finding], MeasuredRun]
 
 
@@ -352,7 +352,7 @@ def _odd_units(contexts: Sequence[dict[str, JointContext]], findings: Sequence[F
     found: list[Finding] = []
     for name in dict.fromkeys(name for joints in contexts for name in joints):
         same = [joints[name] for joints in contexts if name in joints and not joints[name].still]
-        for signal in ANGLE_SIGNALS:
+        for signal in POSITIONS:
             column = same[0].column(signal) if same else ""
             flagged = {f.run for f in findings if f.code == "unit.degrees" and f.column == column}
             there = [joint for joint in same if getattr(joint.log, signal) is not None and joint.radians]

@@ -51,10 +51,10 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
     """Yield the columns of the drive that are in another unit, on the other side of a gear or of the other sign."""
     temperature = joint.log.temperature
     if temperature is not None and np.nanmedian(temperature) > KELVIN_TEMPERATURE:
-        yield Finding(
-            "unit.temperature", "warning", joint.name, joint.column("temperature"),
-            f"{joint.column('temperature')} is in kelvin, not in degC: it is {np.nanmedian(temperature):.0f}.",
-            value=273.15, cause="sensor.offset", data_error=True,
+        yield joint.fault(
+            "unit.temperature", "warning", "temperature", 273.15,
+            f"is in kelvin, not in degC: it is {np.nanmedian(temperature):.0f}.",
+            cause="sensor.offset",
         )  # fmt: skip
     if (chain := joint.chain) is None:
         return
@@ -71,10 +71,9 @@ def check_drive(joint: JointContext) -> Iterator[Finding]:
     supply, voltage = chain.find("supply"), joint.log.voltage
     if voltage is not None and np.isfinite(voltage).any():
         if (usual := float(np.nanmedian(voltage))) <= 0.0:
-            yield Finding(
-                "column.stuck", "warning", joint.name, joint.column("voltage"),
-                f"{joint.column('voltage')} is {usual:.3g} V although the joint moves: it was not read.",
-                value=usual, data_error=True,
+            yield joint.fault(
+                "column.stuck", "warning", "voltage", usual,
+                f"is {usual:.3g} V although the joint moves: it was not read.",
             )  # fmt: skip
         elif supply is not None:
             yield from _finding(joint, "voltage", usual / supply.volts)
@@ -123,12 +122,11 @@ def _named(signal: str, ratio: float) -> bool:
 def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding]:
     if same_unit(ratio):
         return
-    column = joint.column(signal)
     if same_unit(-ratio):
-        yield Finding(
-            f"{signal}.sign", "warning", joint.name, column,
-            f"{column} has the wrong sign: it is {ratio:.3g} times what goal, position and chain say.",
-            value=-1.0, cause="sensor.scale", data_error=True,
+        yield joint.fault(
+            f"{signal}.sign", "warning", signal, -1.0,
+            f"has the wrong sign: it is {ratio:.3g} times what goal, position and chain say.",
+            cause="sensor.scale",
         )  # fmt: skip
         return
     unit = min(COLUMN_UNITS[signal], key=lambda name: abs(np.log(abs(ratio) / COLUMN_UNITS[signal][name])))
@@ -136,10 +134,10 @@ def _finding(joint: JointContext, signal: str, ratio: float) -> Iterator[Finding
         value, what = COLUMN_UNITS[signal][unit], f"is in {unit}"
     else:
         value, what = ratio, "is in another unit or of the other side of a gear"
-    yield Finding(
-        f"unit.{signal}", "warning", joint.name, column,
-        f"{column} {what}: it is {ratio:.3g} times what goal, position and chain say.",
-        value=value, cause="sensor.scale", data_error=True,
+    yield joint.fault(
+        f"unit.{signal}", "warning", signal, value,
+        f"{what}: it is {ratio:.3g} times what goal, position and chain say.",
+        cause="sensor.scale",
     )  # fmt: skip
 
 
@@ -170,11 +168,11 @@ def released(data: MeasuredSet) -> tuple[MeasuredSet, list[Finding]]:
 
 def _looks_off(joint: JointContext, off: np.ndarray) -> Finding:
     first, last = joint.time[off][[0, -1]]
-    return Finding(
-        "drive.looks_off", "warning", joint.name, joint.column("enabled"),
+    return joint.remark(
+        "drive.looks_off", "warning", "enabled", float(off.mean()),
         f"The drive of {joint.name} looks off in {off.mean():.0%} of the samples, {first:.3g} to {last:.3g} s: the "
         f"duty stays at zero while the goal is away. It is taken as off there; log {joint.column('enabled')}.",
-        value=float(off.mean()), run=joint.run.name,
+        run=joint.run.name,
     )  # fmt: skip
 
 

@@ -39,12 +39,12 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
     goal = joint.log.goal
     if joint.still:
         asked = goal is not None and np.ptp(goal) > max(10.0 * joint.noise, 5.0 * joint.step, 1e-6)
-        yield Finding(
-            "motion.none", "error", joint.name, joint.column("position"),
+        yield joint.remark(
+            "motion.none", "error", "position", joint.span,
             f"Joint {joint.name} does not move ({joint.span:.2g} {joint.unit} in all)"
             + (" although its goal does: check power, torque enable and the position column." if asked else
                ": nothing can be learnt from it; record a motion."),
-            value=joint.span, data_error=bool(asked),
+            data_error=bool(asked),
         )  # fmt: skip
         return
     if joint.radians and (ticks := list(_ticks(joint))):
@@ -65,11 +65,10 @@ def check_motion(joint: JointContext) -> Iterator[Finding]:
     yield from _saturation(joint)
     if joint.log.enabled is not None and (joint.log.enabled < 0.5).any():
         off = joint.log.enabled < 0.5
-        yield Finding(
-            "drive.off", "note", joint.name, joint.column("enabled"),
+        yield joint.remark(
+            "drive.off", "note", "enabled", float(off.mean()),
             f"The drive of {joint.name} is off in {off.mean():.0%} of the samples, from "
             f"{joint.time[off.argmax()]:.3g} s: the joint moves freely there.",
-            value=float(off.mean()),
         )  # fmt: skip
 
 
@@ -83,13 +82,11 @@ def _ticks(joint: JointContext) -> Iterator[Finding]:
         moved = float(np.ptp(other)) if other is not None and np.isfinite(other).all() else 0.0
         ratio = span / moved if moved > 0.0 else 1.0
         if ratio > 2.0 * DEGREES_PER_RADIAN or (reach > 360.0 and ratio < 0.3 * DEGREES_PER_RADIAN):
-            column = joint.column(signal)
-            yield Finding(
-                "unit.ticks", "error", joint.name, column,
-                f"{column} is in encoder ticks, not in radians: whole numbers from {values.min():.0f} to "
-                f"{values.max():.0f}; subtract the ticks of its zero and multiply by 2 pi over the ticks of a turn "
-                "(4096 of a Feetech STS servo).",
-                value=reach, data_error=True,
+            yield joint.fault(
+                "unit.ticks", "error", signal, reach,
+                f"is in encoder ticks, not in radians: whole numbers from {values.min():.0f} to {values.max():.0f}; "
+                "subtract the ticks of its zero and multiply by 2 pi over the ticks of a turn (4096 of a Feetech STS "
+                "servo).",
             )  # fmt: skip
 
 
@@ -114,15 +111,15 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
         spikes = int(back.sum())
         where = f"first at {joint.time[jumps[0] + 1]:.4g} s"
         if spikes * 2 >= len(jumps):
-            yield _misread(
-                joint, signal, "spikes", size,
+            yield joint.fault(
+                f"{signal}.spikes", "error", signal, size,
                 f"has {max(spikes, 1)} isolated wrong reading{'s' * (spikes > 1)} of about {size:.3g} rad, {where}; "
                 "remove these samples.",
             )  # fmt: skip
         else:
             turns = " (one turn)" if abs(size / FULL_TURN - 1) < 0.05 else ""
-            yield _misread(
-                joint, signal, "wrap", size,
+            yield joint.fault(
+                f"{signal}.wrap", "error", signal, size,
                 f"jumps by {size:.4g} rad{turns} between neighbouring samples {len(jumps)} "
                 f"time{'s' * (len(jumps) > 1)}, {where}: the encoder wraps around; unwrap the column.",
             )  # fmt: skip
@@ -137,8 +134,8 @@ def _goal_wraps(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
     whole = unwrapped(position)
     as_it_is, without = (_apart(values, whole) for values in (goal, unwrapped(goal)))
     if without < 0.5 * as_it_is:
-        yield _misread(
-            joint, "goal", "wrap", FULL_TURN,
+        yield joint.fault(
+            "goal.wrap", "error", "goal", FULL_TURN,
             f"jumps by a turn between neighbouring samples {jumps} time{'s' * (jumps > 1)} where the joint goes on: "
             "goals wrap around; unwrap the column.",
         )  # fmt: skip
@@ -168,17 +165,11 @@ def _other_turn(joint: JointContext, signal: str) -> Iterator[Finding]:
     turns = round(float(np.median(values - other)) / FULL_TURN)
     alike = np.ptp(values) < np.ptp(other) + 2.0 * WHOLE_TURN_MARGIN  # neither is in degrees
     if turns and alike and float(np.median(np.abs(values - other - turns * FULL_TURN))) < WHOLE_TURN_MARGIN:
-        yield _misread(
-            joint, signal, "wrap", FULL_TURN,
+        yield joint.fault(
+            f"{signal}.wrap", "error", signal, FULL_TURN,
             f"lies {abs(turns)} whole turn{'s' * (abs(turns) > 1)} from {joint.column(followed)}: the encoder wrapped "
             "around before the log began; subtract the turns.",
         )  # fmt: skip
-
-
-def _misread(joint: JointContext, signal: str, kind: str, size: float, what: str) -> Finding:
-    """An encoder whose angles are not those of the joint; ``what`` goes on after the column's name."""
-    column = joint.column(signal)
-    return Finding(f"{signal}.{kind}", "error", joint.name, column, f"{column} {what}", value=size, data_error=True)
 
 
 def _degrees(joint: JointContext) -> Iterator[Finding]:
@@ -215,17 +206,16 @@ def _degrees(joint: JointContext) -> Iterator[Finding]:
         elif "position" not in wrong and same_unit(ratio / DEGREES_PER_RADIAN) and np.ptp(position) > MIN_GOAL_MOTION:
             wrong["link_position"] = f"it moves {ratio:.3g} times as far as the position"
     for signal, reason in wrong.items():
-        yield Finding(
-            "unit.degrees", "error", joint.name, joint.column(signal),
-            f"{joint.column(signal)} is in degrees, not in radians: {reason}; multiply it by pi/180.",
-            value=DEGREES_PER_RADIAN, data_error=True,
+        yield joint.fault(
+            "unit.degrees", "error", signal, DEGREES_PER_RADIAN,
+            f"is in degrees, not in radians: {reason}; multiply it by pi/180.",
         )  # fmt: skip
     for signal, doubt in fast.items():
         if wrong or (signal == "goal" and "position" in fast):
             continue  # of the unit of a joint something better is known, or it is said already
         column = joint.column(signal)
-        yield Finding(
-            f"{signal}.fast", "warning", joint.name, column,
+        yield joint.remark(
+            f"{signal}.fast", "warning", signal, None,
             f"{column} {doubt}. If it is in degrees, multiply it by pi/180; if it is not, say so in the sidecar, "
             f"units: {{{column}: rad}}.",
         )  # fmt: skip
@@ -306,10 +296,9 @@ def _slope_speed(joint: JointContext, goal: np.ndarray) -> float:
 
 def _goal(joint: JointContext, goal: np.ndarray) -> Iterator[Finding]:
     if np.ptp(goal) <= 1e-9:
-        yield Finding(
-            "goal.still", "warning", joint.name, joint.column("goal"),
+        yield joint.remark(
+            "goal.still", "warning", "goal", 0.0,
             f"The goal of {joint.name} never moves, so what the drive does with a command cannot be seen.",
-            value=0.0,
         )  # fmt: skip
         return
     yield from _sign(joint, "position", "error", joint.log.position, "its goal", goal)
@@ -340,18 +329,15 @@ def _sign(
     correlation = float(np.corrcoef(other[on], values[on])[0, 1])
     turned = float(np.median(np.abs(-values[on] - other[on]))) < float(np.median(np.abs(values[on] - other[on])))
     if correlation < -0.5 and not turned:
-        yield Finding(
-            f"{signal}.against", "warning", joint.name, joint.column(signal),
+        yield joint.remark(
+            f"{signal}.against", "warning", signal, correlation,
             f"{joint.column(signal)} moves against {of_what} (correlation {correlation:.2f}), and would lie further "
             "from it with the other sign: its zero and direction differ, or it is held and its load moves it.",
-            value=correlation,
         )  # fmt: skip
     elif correlation < -0.5:
-        yield Finding(
-            f"{signal}.sign", severity, joint.name, joint.column(signal),
-            f"{joint.column(signal)} moves against {of_what} (correlation {correlation:.2f}): one of the two has the "
-            "wrong sign.",
-            value=correlation, data_error=True,
+        yield joint.fault(
+            f"{signal}.sign", severity, signal, correlation,
+            f"moves against {of_what} (correlation {correlation:.2f}): one of the two has the wrong sign.",
         )  # fmt: skip
 
 
@@ -369,10 +355,9 @@ def _excitation(joint: JointContext) -> Iterator[Finding]:
     if joint.seldom:
         reasons.append(f"moves in {joint.moving.mean():.1%} of the samples")
     if reasons:
-        yield Finding(
-            "excitation.little", "warning", joint.name, joint.column("position"),
+        yield joint.remark(
+            "excitation.little", "warning", "position", top,
             f"Joint {joint.name} {' and '.join(reasons)}: friction, delay and backlash cannot be told apart from it.",
-            value=top,
         )  # fmt: skip
 
 
@@ -389,11 +374,10 @@ def _saturation(joint: JointContext) -> Iterator[Finding]:
     both = min(float((duty >= 0.999 * limit).mean()), float((duty <= -0.999 * limit).mean()))
     # A pose held by a constant duty looks like a limit, but on one side only.
     if share > 0.01 and (limit > 0.9 or both > 0.003):
-        yield Finding(
-            "duty.saturated", "note", joint.name, joint.column("duty"),
+        yield joint.remark(
+            "duty.saturated", "note", "duty", share,
             f"The duty of {joint.name} is at its limit of {limit:.3g} in {share:.1%} of the samples: motor and supply "
             "show there, gains do not.",
-            value=share,
         )  # fmt: skip
 
 
@@ -419,23 +403,20 @@ def check_lengths(joint: JointContext) -> Iterator[Finding]:
             continue
         column = joint.column(signal)
         if far and (fit := [unit for unit, per in OTHER_LENGTH_UNITS.items() if _fits(joint, size / per)]):
-            yield Finding(
-                "unit.length", "error", joint.name, column,
-                f"{column} is not in metres: {reason}; {' or '.join([*fit, 'mm'])} would fit. Say which it is in the "
-                f"sidecar, units: {{{column}: {fit[0]}}}.",
-                data_error=True,
+            yield joint.fault(
+                "unit.length", "error", signal, None,
+                f"is not in metres: {reason}; {' or '.join([*fit, 'mm'])} would fit. Say which it is in the sidecar, "
+                f"units: {{{column}: {fit[0]}}}.",
             )  # fmt: skip
         elif far:
-            yield Finding(
-                "unit.millimetres", "error", joint.name, column,
-                f"{column} is in millimetres, not in metres: {reason}; divide it by 1000.",
-                value=MILLIMETRES_PER_METRE, data_error=True,
+            yield joint.fault(
+                "unit.millimetres", "error", signal, MILLIMETRES_PER_METRE,
+                f"is in millimetres, not in metres: {reason}; divide it by 1000.",
             )  # fmt: skip
         else:
-            yield Finding(
-                "unit.length", "error", joint.name, column,
-                f"{column} is not in metres: {reason}; convert it, or correct the range in the model.",
-                data_error=True,
+            yield joint.fault(
+                "unit.length", "error", signal, None,
+                f"is not in metres: {reason}; convert it, or correct the range in the model.",
             )  # fmt: skip
 
 

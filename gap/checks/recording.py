@@ -47,12 +47,11 @@ def _held(joint: JointContext) -> Iterator[Finding]:
         values = getattr(joint.log, signal)
         if values is None or not np.isfinite(values).all() or (rows := held_rows(values, joint.moving)) < 2:
             continue
-        yield Finding(
-            "column.held", "warning", joint.name, joint.column(signal),
-            f"{joint.column(signal)} holds each value for {rows} rows: it was read at {1 / joint.period / rows:.4g} Hz "
-            f"and logged at {1 / joint.period:.4g} Hz, so that it is up to {1e3 * (rows - 1) * joint.period:.3g} ms "
-            "old; log it when it is read.",
-            value=float(rows), data_error=True,
+        yield joint.fault(
+            "column.held", "warning", signal, float(rows),
+            f"holds each value for {rows} rows: it was read at {1 / joint.period / rows:.4g} Hz and logged at "
+            f"{1 / joint.period:.4g} Hz, so that it is up to {1e3 * (rows - 1) * joint.period:.3g} ms old; log it "
+            "when it is read.",
         )  # fmt: skip
 
 
@@ -105,21 +104,20 @@ def _interpolated(joint: JointContext) -> Iterator[Finding]:
     if goal is None or not np.isfinite(goal).all() or (rows := knot_rows(joint.time, goal)) < 2:
         return
     apart = rows * joint.period
-    what = f"{joint.column('goal')} is made of straight lines over {rows} rows ({1e3 * apart:.3g} ms)"
+    what = f"is made of straight lines over {rows} rows ({1e3 * apart:.3g} ms)"
     shown = _follows_held(joint, goal, rows)
     if shown is None:
-        yield Finding(
-            "goal.knots", "note", joint.name, joint.column("goal"),
-            f"{what}: if goals were sent at {1 / apart:.4g} Hz and held, the log was interpolated, which looks like a "
-            f"delay of {1e3 * apart / 2:.3g} ms; log the goals as sent, or the duty, which tells.",
-            value=0.5 * apart,
+        yield joint.remark(
+            "goal.knots", "note", "goal", 0.5 * apart,
+            f"{joint.column('goal')} {what}: if goals were sent at {1 / apart:.4g} Hz and held, the log was "
+            f"interpolated, which looks like a delay of {1e3 * apart / 2:.3g} ms; log the goals as sent, or the duty, "
+            "which tells.",
         )  # fmt: skip
     elif shown:
-        yield Finding(
-            "goal.interpolated", "warning", joint.name, joint.column("goal"),
+        yield joint.fault(
+            "goal.interpolated", "warning", "goal", float(rows),
             f"{what}, but the duty follows goals that were held that long: the log was interpolated, which would look "
             f"like a delay of {1e3 * apart / 2:.3g} ms; log the goals as sent.",
-            value=float(rows), data_error=True,
         )  # fmt: skip
 
 
@@ -277,22 +275,22 @@ def _rows(joint: JointContext) -> Iterator[Finding]:
         return
     seconds = abs(seen.rows) * joint.period
     if seen.rows < 0:
-        yield Finding(
-            "position.late", "note", joint.name, joint.column("position"),
+        yield joint.remark(
+            "position.late", "note", "position", seconds,
             f"The drive of {joint.name} answers to positions that the log has {1e3 * seconds:.3g} ms later "
             f"({-seen.rows} row{'s' * (seen.rows < -1)}): position readings reach the log late, not the commands the "
             "drive.",
-            value=seconds, cause="sensor.delay",
+            cause="sensor.delay",
         )  # fmt: skip
         return
     for signal in ("duty", "current"):
         if getattr(joint.log, signal) is None:
             continue
-        yield Finding(
-            "column.behind", "warning", joint.name, joint.column(signal),
-            f"{joint.column(signal)} is {seen.rows} row{'s' * (seen.rows > 1)} behind ({1e3 * seconds:.3g} ms): the "
-            "drive answers to the position of an earlier row; log what is read with the row that it is read in.",
-            value=float(seen.rows), cause="sensor.delay", data_error=True,
+        yield joint.fault(
+            "column.behind", "warning", signal, float(seen.rows),
+            f"is {seen.rows} row{'s' * (seen.rows > 1)} behind ({1e3 * seconds:.3g} ms): the drive answers to the "
+            "position of an earlier row; log what is read with the row that it is read in.",
+            cause="sensor.delay",
         )  # fmt: skip
 
 
@@ -312,13 +310,12 @@ def check_goal(joint: JointContext) -> Iterator[Finding]:
         share = _equal(joint, goal, position, ahead)
         if share < READING_SHARE:
             continue
-        name, of_what = joint.column("goal"), joint.column("position")
         next_row = " of the next row" if ahead else ""
-        yield Finding(
-            "goal.is_position", "error", joint.name, name,
-            f"{name} equals {of_what}{next_row} in {share:.0%} of the samples in motion, which no servo does: it is "
-            "the reading and not the command, or the position repeats the goal; log the goal as it was sent.",
-            value=share, data_error=True,
+        yield joint.fault(
+            "goal.is_position", "error", "goal", share,
+            f"equals {joint.column('position')}{next_row} in {share:.0%} of the samples in motion, which no servo "
+            "does: it is the reading and not the command, or the position repeats the goal; log the goal as it was "
+            "sent.",
         )  # fmt: skip
         return
 

@@ -354,10 +354,10 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
         balance.r2(shift.index) < 1.0 - OTHER_ERROR_RATIO or not balance.terms[:, :2].any()
     ):  # an empty shaft needs nothing
         return
-    name, column = joints[0].name, joints[0].column("torque")
+    joint = joints[0]
     armature, friction = _inside(balance, joints)
     needed, torque = balance.terms[:, :2].sum(axis=1), balance.torques[:, shift.index]
-    side = said_side([joint.run for joint in joints], name)
+    side = said_side([each.run for each in joints], joint.name)
     if (side or side_by_load(torque, balance.terms[:, :2], armature, friction, balance.block)) == "drive":
         needed = needed + armature
     ratio, spread = _ratio(balance, shift, needed)
@@ -366,21 +366,17 @@ def check_torque(joints: Sequence[JointContext], run: str | None) -> Iterator[Fi
     elif not TORQUE_RATIO_RANGE[0] < abs(ratio) < TORQUE_RATIO_RANGE[1]:
         gear = 1.0 / ratio if abs(ratio) < 1.0 else ratio
         relation = f"1/{abs(gear):.3g}" if abs(ratio) < 1.0 else f"{abs(gear):.3g} times"
-        yield Finding(
-            "torque.gear_side", "error", name, column,
-            f"{column} is {relation} of what the motion needs, if the mass of {loads[0]['mass']:.3g} kg in the sidecar "
-            "is right, with which the ratio goes: it belongs to the other side of a gear or to another unit.",
-            value=ratio, low=ratio - 2.0 * spread, high=ratio + 2.0 * spread,
-            cause="sensor.scale", data_error=True, run=run,
+        yield joint.fault(
+            "torque.gear_side", "error", "torque", ratio,
+            f"is {relation} of what the motion needs, if the mass of {loads[0]['mass']:.3g} kg in the sidecar is "
+            "right, with which the ratio goes: it belongs to the other side of a gear or to another unit.",
+            low=ratio - 2.0 * spread, high=ratio + 2.0 * spread, cause="sensor.scale", run=run,
         )  # fmt: skip
     elif ratio < 0:
-        yield Finding(
-            "torque.sign", "error", name, column,
-            f"{column} has the wrong sign: it is {ratio:.3g} times what the motion needs.",
-            value=ratio, data_error=True, run=run,
-        )  # fmt: skip
+        what = f"has the wrong sign: it is {ratio:.3g} times what the motion needs."
+        yield joint.fault("torque.sign", "error", "torque", ratio, what, run=run)
     if abs(shift.seconds) > MIN_TORQUE_SHIFT and shift.low * shift.high > 0:
-        yield _shift_finding(name, column, balance, shift, run)
+        yield _shift_finding(joint, balance, shift, run)
 
 
 def _inside(balance: TorqueBalance, joints: Sequence[JointContext]) -> tuple[Array, Array]:
@@ -402,15 +398,15 @@ def _ratio(balance: TorqueBalance, shift: Shift, needed: Array) -> tuple[float, 
     return float(numbers[0]), float(spread[0])
 
 
-def _shift_finding(name: str, column: str, balance: TorqueBalance, shift: Shift, run: str | None) -> Finding:
+def _shift_finding(joint: JointContext, balance: TorqueBalance, shift: Shift, run: str | None) -> Finding:
     late, size = shift.seconds < 0, abs(shift.seconds)
     low, high = shift.size
     interval = f"({low * 1e3:.0f} to {high * 1e3:.0f} ms)"
-    return Finding(
-        "torque.lag" if late else "torque.lead", "warning", name, column,
-        f"{column} is {f'at least {low * 1e3:.0f} ms' if shift.least else f'{size * 1e3:.0f} ms {interval}'} "
+    return joint.fault(
+        "torque.lag" if late else "torque.lead", "warning", "torque", size,
+        f"is {f'at least {low * 1e3:.0f} ms' if shift.least else f'{size * 1e3:.0f} ms {interval}'} "
         + ("late of the motion" if late else "ahead of the motion, as if position and velocity were reported late")
         + f": shifting it raises the rigid-body fit's R2 from {balance.r2(balance.at_once):.3f} to "
         f"{balance.r2(shift.index):.3f}.",
-        value=size, low=low, high=None if shift.least else high, cause="sensor.delay", data_error=True, run=run,
+        low=low, high=None if shift.least else high, cause="sensor.delay", run=run,
     )  # fmt: skip

@@ -26,7 +26,7 @@ from sealegs.envs.engine.sb3 import BatchVecEnv
 from sealegs.envs.hexapod.env import HexapodTask
 from sealegs.envs.robots import get_robot
 
-from tests.switched_dog import FEET, SWITCHES, switched
+from tests.logged_robots import FEET, SWITCHES, switched
 
 ALL = {
     "mass": {"all": [0.9, 1.1]},

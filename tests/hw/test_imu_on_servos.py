@@ -24,8 +24,8 @@ from sealegs.hw.run.measured_log import read_events
 from sealegs.hw.run.policy import Policy
 from sealegs.hw.virtual.server import Terminal
 
+from tests.logged_robots import FEET, switched_file
 from tests.servo_runs import PATIENT, gentle_policy
-from tests.switched_dog import FEET, switched_file
 from tests.waiting import wait_until
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
