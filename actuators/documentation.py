@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from pathlib import Path
 
+from ..common.markdown import table
 from .chain import CHECKOUT, LIBRARY, load_chain, load_chain_set, names, set_names
 from .stages import Stage, known_stages, order
 
@@ -53,15 +53,12 @@ Written by `python -m sealegs.actuators.documentation` from `actuators/stages/`;
 def page() -> str:
     """The text of docs/actuators.md."""
     parts = [HEAD.format(example=(LIBRARY / "sts3215.yaml").read_text(encoding="utf-8"), order=_wrapped(order()))]
-    parts.append("## Named chains\n\n| name | stages | what it models |\n|---|---|---|\n")
-    parts += [f"| `{name}` | {load_chain(name)} | {_comment(LIBRARY / f'{name}.yaml')} |\n" for name in names()]
-    parts.append(
-        "\nA set holds a chain for each kind of joint of one robot:\n\n"
-        "| name | joints | what it models |\n|---|---|---|\n"
-    )
-    for name in set_names():
-        patterns = ", ".join(f"`{pattern}`" for pattern in load_chain_set(name) or {})
-        parts.append(f"| `{name}` | {patterns} | {_comment(LIBRARY / f'{name}.yaml')} |\n")
+    chains = ((f"`{name}`", load_chain(name), _comment(name)) for name in names())
+    sets = ((f"`{name}`", ", ".join(f"`{pattern}`" for pattern in load_chain_set(name) or {}), _comment(name))
+            for name in set_names())  # fmt: skip
+    parts.append(f"## Named chains\n\n{table(('name', 'stages', 'what it models'), chains)}\n")
+    parts.append("\nA set holds a chain for each kind of joint of one robot:\n\n")
+    parts.append(f"{table(('name', 'joints', 'what it models'), sets)}\n")
     for module in dict.fromkeys(known_stages()[name].__module__ for name in order()):  # one section a file
         parts.append(f"\n## {module.rpartition('.')[2].capitalize()}\n")
         parts += [_stage(stage) for stage in known_stages().values() if stage.__module__ == module]
@@ -78,9 +75,9 @@ def _wrapped(order: tuple[str, ...]) -> str:
     return "\n".join([*lines, line.removesuffix(" > ")])
 
 
-def _comment(path: Path) -> str:
-    """First sentence of a chain file's leading comment."""
-    lines = path.read_text(encoding="utf-8").splitlines()
+def _comment(name: str) -> str:
+    """First sentence of the leading comment of a chain's file."""
+    lines = (LIBRARY / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
     text = " ".join(line.removeprefix("#").strip() for line in lines if line.startswith("#"))
     return re.split(r"(?<!Fig)\. |; ", text)[0].rstrip(".:")
 
@@ -88,21 +85,17 @@ def _comment(path: Path) -> str:
 def _stage(stage: type[Stage]) -> str:
     takes = " or ".join(stage.takes)
     gives = f"gives {stage.gives}" if stage.gives else "passes it on"
-    rows = [f"\n### {stage.name}\n\n{inspect.cleandoc(stage.__doc__ or '')}\n\nTakes {takes}, {gives}.\n"]
-    rows.append("\n| parameter | unit | default | lowest | highest | meaning |\n|---|---|---|---|---|---|\n")
+    rows = []
     for item in dataclasses.fields(stage):
-        needed = item.default is dataclasses.MISSING
+        default = "required" if item.default is dataclasses.MISSING else item.default
         if "unit" not in item.metadata:
-            rows.append(
-                f"| `{item.name}` | | {'required' if needed else item.default} | | | path of the net (.npz) |\n"
-            )
+            rows.append((f"`{item.name}`", "", default, "", "", "path of the net (.npz)"))
             continue
-        low, high = item.metadata["low"], item.metadata["high"]
-        default = "required" if needed else f"{item.default:g}"
-        rows.append(
-            f"| `{item.name}` | {item.metadata['unit']} | {default} | {low:g} | {high:g} | {item.metadata['doc']} |\n"
-        )
-    return "".join(rows)
+        default = default if isinstance(default, str) else f"{default:g}"
+        ends = (f"{item.metadata[end]:g}" for end in ("low", "high"))
+        rows.append((f"`{item.name}`", item.metadata["unit"], default, *ends, item.metadata["doc"]))
+    about = f"\n### {stage.name}\n\n{inspect.cleandoc(stage.__doc__ or '')}\n\nTakes {takes}, {gives}.\n"
+    return f"{about}\n{table(('parameter', 'unit', 'default', 'lowest', 'highest', 'meaning'), rows)}\n"
 
 
 if __name__ == "__main__":

@@ -95,7 +95,7 @@ def side_by_side(one: Callable[[Any], Row], todo: Sequence[Any], jobs: int) -> I
         yield from pool.imap_unordered(one, todo)
 
 
-def read(name: str, empty: Any) -> Any:
+def read(name: str, empty: Any = None) -> Any:
     """What ``<name>.json`` of the results holds, or ``empty`` where there is none."""
     file = RESULTS / f"{name}.json"
     return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else empty

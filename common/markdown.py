@@ -6,10 +6,11 @@ from collections.abc import Iterable
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A table of Markdown."""
+    """A table of Markdown; a bar in a cell is one of its text."""
     heads = tuple(heads)
-    head, *cells = (f"| {' | '.join(map(str, row))} |" for row in (heads, *rows))
-    return "\n".join([head, "|---" * len(heads) + "|", *cells])
+    texts = ((str(cell).replace("|", r"\|") for cell in row) for row in (heads, *rows))
+    head, *lines = (f"| {' | '.join(row)} |" for row in texts)
+    return "\n".join([head, "|---" * len(heads) + "|", *lines])
 
 
 def page(title: str, *parts: str) -> str:

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from sealegs.actuators import load_chain
+from sealegs.common.markdown import table
 from sealegs.envs.hopper.robot import HOPPER
 from sealegs.gap.causes.catalogue import catalogue
 from sealegs.gap.causes.cause import ROBOT, Cause, Needs
@@ -40,7 +41,7 @@ one.
 
 Written by `python -m docs.generate.catalogue` from `gap/causes/`; do not edit.
 """
-TABLE = "\n| parameter | unit | lowest | highest |\n|---|---|---|---|\n"
+HEADS = ("parameter", "unit", "lowest", "highest")
 PARAMETERS = {"load.tilt": TILT_PARAMETERS}
 """Numbers of the causes that only a whole robot has."""
 NEEDS = {
@@ -84,22 +85,22 @@ def page() -> str:
 
 
 def _of_robot(name: str) -> str:
-    rows = [f"| `{p.path}` | {p.unit} | {p.low:.3g} | {p.high:.3g} |\n" for p in PARAMETERS[name]]
+    rows = ((f"`{p.path}`", p.unit, f"{p.low:.3g}", f"{p.high:.3g}") for p in PARAMETERS[name])
     head = f"\n### {name}\n\n{SENTENCES[name]} *A number of the nominal model that is wrong.*\n"
-    return f"{head}{TABLE}{''.join(rows)}\nNeeds: the robot's model file.\n"
+    return f"{head}\n{table(HEADS, rows)}\n\nNeeds: the robot's model file.\n"
 
 
 def _section(cause: Cause, needs: str | None = None) -> str:
     kind = "A number of the nominal model that is wrong." if cause.error else "An effect that the model lacks."
     rows = [f"\n### {cause.name}\n\n{cause.sentence} *{kind}*\n"]
-    rows.append(TABLE)
     bounds: dict[tuple[str, str], list[float]] = {}
     for variant in cause.variants:
         for number in variant:
             factor = number.path.endswith("*")
             key = (number.path.rstrip("*"), "factor" if factor else number.unit)
             bounds.setdefault(key, []).extend((number.low, number.high))
-    rows += [f"| `{path}` | {unit} | {min(ends):.3g} | {max(ends):.3g} |\n" for (path, unit), ends in bounds.items()]
+    cells = ((f"`{path}`", unit, f"{min(ends):.3g}", f"{max(ends):.3g}") for (path, unit), ends in bounds.items())
+    rows.append(f"\n{table(HEADS, cells)}\n")
     rows.append(f"\nNeeds: {needs or _needs(cause.needs)}.")
     if cause.refuted_by is not None:
         rows.append(f" Refuted by: samples of `{cause.refuted_by.channel}` above the fitted limit.")

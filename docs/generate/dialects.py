@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from sealegs.common.markdown import table
 from sealegs.gap.log.importers.dialects import FOLDER
 
 PAGE = Path(__file__).resolve().parents[1] / "dialects.md"
@@ -24,14 +25,10 @@ def page() -> str:
     parts = [HEAD]
     for file in sorted(FOLDER.glob("*.yaml")):
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
-        parts.append(f"\n## {content['title']}\n\n{content['about'][0].upper()}{content['about'][1:]}.\n\n")
-        parts.append("| name | column of the log | unit or line |\n|---|---|---|\n")
-        parts += [f"| `{_cell(row['name'])}` | {_signal(row)} | {_unit(row)} |\n" for row in content["rows"]]
+        cells = ((f"`{row['name']}`", _signal(row), _unit(row)) for row in content["rows"])
+        parts.append(f"\n## {content['title']}\n\n{content['about'][0].upper()}{content['about'][1:]}.\n")
+        parts.append(f"\n{table(('name', 'column of the log', 'unit or line'), cells)}\n")
     return "".join(parts)
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
 
 
 def _signal(row: dict[str, Any]) -> str:

@@ -1,11 +1,14 @@
-"""Hooks of the site's generator: pages that lie elsewhere in the checkout, and the links to them."""
+"""Hooks of the site's generator: pages that lie elsewhere in the checkout and the links to them, and environments as
+they are at run time."""
 
 from __future__ import annotations
 
 import posixpath
 import re
 from pathlib import Path
+from typing import Any
 
+import griffe
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -48,3 +51,13 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return posixpath.relpath(target, home or ".")
 
     return LINK.sub(moved, markdown)
+
+
+class RunTimeArguments(griffe.Extension):
+    """Puts the docstrings that :class:`~sealegs.envs.engine.arguments.TaskShell` made in the place of the written."""
+
+    def on_class(self, *, cls: griffe.Class, **kwargs: Any) -> None:
+        """Take a class's docstring from the class itself where it has arguments of a task."""
+        del kwargs
+        if cls.docstring is not None and "## Arguments" in cls.docstring.value:
+            cls.docstring.value = griffe.dynamic_import(cls.path).__doc__ or ""

@@ -11,16 +11,18 @@ Fields of other results are as :mod:`docs.generate.templates` has them.
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from sealegs.common.markdown import table
 from sealegs.papers.published import MARKS
 
-from .templates import CHECKOUT, RESULTS, fill, table, write
+from benchmarks.kept import CHECKOUT, RESULTS, read
+
+from .templates import fill, write
 
 TEXTS = CHECKOUT / "papers"
 WRITTEN = """
@@ -35,7 +37,7 @@ def robots() -> list[str]:
 
 def page(robot: str) -> str:
     """The text of docs/results/<robot>.md."""
-    result = json.loads((RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
+    result = read(f"paper_{robot}")
     own = {name: table(found["head"], found["rows"]) for name, found in result.get("page_tables", {}).items()}
     figures = {**result, **tables(result), **own}
     return fill(TEXTS / robot / "page.md", figures) + WRITTEN.format(robot=robot)

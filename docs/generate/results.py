@@ -6,19 +6,20 @@ worked out here is what no page of ``benchmarks/results`` has as it is needed.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from sealegs.common.markdown import table
 
 from benchmarks import hidden, hidden_arm, hidden_hopper, hidden_report, hidden_wide, next_experiment, policy_matrix
 from benchmarks.hidden_report import share
+from benchmarks.kept import CHECKOUT, RESULTS, Kept, read
 from benchmarks.walking import cell
 
 from .papers import robots
 from .papers import tables as paper_tables
-from .templates import CHECKOUT, NUMBER, RESULTS, Measured, as_number, fill, summarised, table, write
+from .templates import NUMBER, Measured, as_number, fill, summarised, write
 
 TEXTS = CHECKOUT / "benchmarks" / "pages"
 LEARNED = {
@@ -50,15 +51,8 @@ def page(name: str) -> str:
 
 def cases(name: str) -> list[dict[str, Any]]:
     """Kept cases of a hidden bench."""
-    path = RESULTS / f"{name}.json"
-    if path.is_file():
-        return json.loads(path.read_text(encoding="utf-8"))["cases"]
-    return [json.loads(line) for line in path.with_suffix(".jsonl").read_text(encoding="utf-8").splitlines()]
-
-
-def numbers(name: str) -> Any:
-    """What a benchmark kept as JSON."""
-    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    whole = read(name)
+    return Kept(RESULTS / f"{name}.jsonl").rows if whole is None else whole["cases"]
 
 
 def wanted(name: str) -> str:
@@ -237,7 +231,7 @@ def experiments() -> dict[str, Any]:
 
 def long_logs() -> dict[str, str]:
     """Memory, time and result of diagnoses of long logs."""
-    rows = numbers("large_log")
+    rows = read("large_log")
     longest = max(rows, key=lambda row: row["rows"])
     name, number, truth = "friction.load_dependent", "friction.load", 0.15
     off = max(abs(row[number][0] / truth - 1.0) for row in rows)
@@ -253,11 +247,11 @@ def long_logs() -> dict[str, str]:
 
 def how_fast() -> dict[str, Any]:
     """Figures of the page on speed."""
-    chains, training = Measured()["speed"].tables[0], numbers("training")
+    chains, training = Measured()["speed"].tables[0], read("training")
     ratios = [float(cell) for cell in chains.column("ratio")]
-    errors = numbers("numerics")
+    errors = read("numerics")
     step = next(row["ours"] for row in errors["stiff"] if (row["integrator"], row["step"]) == ("RK4", 1e-3))
-    fits = numbers("published_fit")
+    fits = read("published_fit")
     trials = [[row["trials"] for row in fits[name]] for name in ("cma_es", "least_squares")]
     return {
         "table": bench(cases("hidden")),
@@ -275,9 +269,9 @@ def policies() -> dict[str, Any]:
     bars = [
         (f"[{label}](../../benchmarks/results/learning_{name}.md)", bar["wanted"], bar["found"],
          "yes" if bar["holds"] else "**no**")
-        for name, label in LEARNED.items() for bar in numbers(f"learning_{name}")["bars"]
+        for name, label in LEARNED.items() for bar in read(f"learning_{name}")["bars"]
     ]  # fmt: skip
-    on_the_bus = numbers("policies_on_the_bus")
+    on_the_bus = read("policies_on_the_bus")
     leg = [row["share"] for row in on_the_bus if row["policy"].startswith("leg/")]
     others = [row["share"] for row in on_the_bus if not row["policy"].startswith("leg/")]
     starts = next(item for item in Measured()["many_starts"].tables if "hidden" in item.heads)
@@ -330,7 +324,7 @@ def feet() -> dict[str, str]:
 
 def cluster() -> dict[str, str]:
     """What became of the trials of a sweep, a node of whose cluster was killed."""
-    row = numbers("sweep_on_cluster")
+    row = read("sweep_on_cluster")
     return {
         "trials": str(row["trials"]),
         "nodes": str(row["nodes"]),
@@ -343,7 +337,7 @@ def on_legs() -> str:
     """Public robots that learned to walk, each beside its reference gait."""
     rows = [
         (name, str(row["joints"]), f"{row['mass']:.1f}", f"{row['steps']:,}", cell(row["gait"]), cell(row["policy"]))
-        for name, row in numbers("walking")["robots"].items()
+        for name, row in read("walking")["robots"].items()
     ]
     return table(("robot", "joints", "mass [kg]", "steps learned", "its gait alone", "policy"), rows)
 
@@ -353,7 +347,7 @@ def safety() -> dict[str, Any]:
     rows = [
         (str(row["servos"]), f"{row['ratio']:.2f}", f"{row['bar']:g}",
          "reached" if row["ratio"] >= row["bar"] else "**missed**")
-        for row in numbers("bus")["rows"]
+        for row in read("bus")["rows"]
     ]  # fmt: skip
     return {**policies(), "cycles": table(("servos", "of the SDK", "bar", ""), rows)}
 
@@ -383,7 +377,7 @@ def front() -> dict[str, Any]:
 
 def papers() -> dict[str, Any]:
     """What decides in each paper, and how many rows are judged."""
-    results = {robot: numbers(f"paper_{robot}") for robot in robots()}
+    results = {robot: read(f"paper_{robot}") for robot in robots()}
     counted, deciding = [], []
     for robot, result in results.items():
         judged = [row for row in result["rows"] if row["holds"] is not None]
@@ -406,7 +400,7 @@ def papers() -> dict[str, Any]:
 def rows_of(text: str) -> list[tuple[str, ...]]:
     """Rows of a table of Markdown."""
     lines = [line for line in text.splitlines() if line.startswith("| ")]
-    return [tuple(cell.strip() for cell in line.strip("| ").split(" | ")) for line in lines[2:]]
+    return [tuple(cell.strip() for cell in line.strip("| ").split(" | ")) for line in lines[1:]]
 
 
 def confidence() -> dict[str, Any]:
@@ -420,7 +414,7 @@ TRANSFER = ("extended", "extended, drawn", "fine-tuned")
 
 def transfer() -> dict[str, Any]:
     """Figures of the page on transfer, beside the bars of the product; of a part of the machines that they are for."""
-    document = numbers("transfer")
+    document = read("transfer")
     figures = {row["treatment"]: row for row in document["figures"]}
     rows = []
     for name in TRANSFER:

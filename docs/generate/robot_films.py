@@ -113,20 +113,9 @@ def main(names: list[str]) -> None:
             whole = Path(folder) / "film.mp4"
             ROBOTS[name](whole)
             film = FOLDER / f"{name}.mp4"
-            command = [
-                imageio_ffmpeg.get_ffmpeg_exe(),
-                "-y",
-                "-loglevel",
-                "error",
-                "-i",
-                str(whole),
-                "-an",
-                "-crf",
-                "30",
-            ]
-            subprocess.run(
-                [*command, "-preset", "slow", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(film)], check=True
-            )
+            options = "-an -crf 30 -preset slow -pix_fmt yuv420p -movflags +faststart"
+            command = [imageio_ffmpeg.get_ffmpeg_exe(), *["-y", "-loglevel", "error", "-i"], str(whole)]
+            subprocess.run([*command, *options.split(), str(film)], check=True)
             reader: Any = imageio.get_reader(whole)
             with reader:
                 middle = reader.get_data(round(SECONDS / 2.0 * reader.get_meta_data()["fps"]))

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-CHECKOUT = Path(__file__).resolve().parents[2]
-RESULTS = CHECKOUT / "benchmarks" / "results"
+from benchmarks.kept import CHECKOUT, RESULTS
+
 PAGES = CHECKOUT / "docs" / "results"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?")
 UNIT = re.compile(r" \[[^\]]*\]$")
@@ -149,13 +149,6 @@ def fill(template: Path, own: Mapping[str, Any]) -> str:
         FigureError: there is no such figure; the sentence names it.
     """
     return template.read_text(encoding="utf-8").format_map(ChainMap(dict(own), Measured()))  # type: ignore[arg-type]
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table of Markdown."""
-    head = tuple(head)
-    lines = [head, ("---",) * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
 
 
 def write(name: str, text: str) -> None:

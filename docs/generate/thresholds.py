@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
+from sealegs.common.markdown import table
 from sealegs.gap.measure.confidence import Thresholds
 from sealegs.gap.measure.signatures import SignatureLimits
 from sealegs.gap.search.settings import COLUMNS, EFFORT, ROBOT, TOLD, SearchSettings
@@ -39,9 +40,9 @@ def page() -> str:
         rows = [item for item in fields(settings) if item.metadata["decides"] is decides]
         if settings is SearchSettings and not decides:
             rows = [item for item in rows if item.metadata["about"] == title]
+        cells = ((f"`{item.name}`", f"{item.default:g}", item.metadata["meaning"]) for item in rows)
         parts.append(f"\n## {title}\n\n`{settings.__module__}.{settings.__name__}`\n")
-        parts.append("\n| setting | value | meaning |\n|---|---|---|\n")
-        parts += [f"| `{item.name}` | {item.default:g} | {item.metadata['meaning']} |\n" for item in rows]
+        parts.append(f"\n{table(('setting', 'value', 'meaning'), cells)}\n")
     return "".join(parts)
 
 

@@ -41,6 +41,7 @@ from sealegs.papers.published import (
     row_lines,
 )
 
+from benchmarks.kept import read
 from docs.generate import papers as pages
 from docs.generate.templates import PAGES
 from tests.typed import typed
@@ -209,7 +210,7 @@ def test_a_page_is_that_of_the_results(robot: str) -> None:
 def test_kept_results_are_those_of_the_present_list_of_chosen_numbers(robot: str) -> None:
     """An assumed number that is changed or added asks for a new run: the marks would be of another machine."""
     paper: Paper = importlib.import_module(f"sealegs.papers.{robot}.choices").PAPER
-    kept = json.loads((pages.RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
+    kept = read(f"paper_{robot}")
     now = json.loads(json.dumps({key: asdict(choice) for key, choice in paper.choices.items()}))
     assert kept["chosen"] == now, f"run sealegs evaluate paper={robot}, then python -m docs.generate.papers"
     assert kept["not_built"] == [asdict(item) for item in paper.not_built]
@@ -217,7 +218,7 @@ def test_kept_results_are_those_of_the_present_list_of_chosen_numbers(robot: str
 
 @pytest.mark.parametrize("robot", pages.robots())
 def test_no_kept_row_passes_by_more_than_a_tenth_without_fitted_or_assumed(robot: str) -> None:
-    rows = json.loads((pages.RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))["rows"]
+    rows = read(f"paper_{robot}")["rows"]
     wide = [row["name"] for row in rows if row["holds"] and row["off"] is not None and abs(row["off"]) > 0.1
             and row["within"] is not None and row["mark"] != "fitted" and "assumed" not in row["judged"]]  # fmt: skip
     assert wide == []
@@ -229,7 +230,7 @@ UNDECIDED = {"arm", "biped"}
 
 @pytest.mark.parametrize("robot", pages.robots())
 def test_a_prediction_that_another_model_would_have_missed_is_kept_or_said_to_be_none(robot: str) -> None:
-    result = json.loads((pages.RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
+    result = read(f"paper_{robot}")
     assert any(row["decides"] for row in result["rows"]) is (robot not in UNDECIDED)
     assert (pages.tables(result)["decided"] == "None.") is (robot in UNDECIDED)
 
@@ -464,7 +465,7 @@ def test_figures_within_texts_are_compared_up_to_their_last_digit(fresh: Any, ke
 @pytest.mark.weekly
 @pytest.mark.parametrize("robot", pages.robots())
 def test_a_fresh_run_has_the_rows_of_the_page(robot: str, tmp_path: Path) -> None:
-    committed = json.loads((pages.RESULTS / f"paper_{robot}.json").read_text(encoding="utf-8"))
+    committed = read(f"paper_{robot}")
     importlib.import_module(f"sealegs.papers.{robot}.report").compare(tmp_path, say=lambda line: None)
     found = json.loads((tmp_path / f"{robot}.json").read_text(encoding="utf-8"))
     told = [(row["name"], row["mark"], row["holds"], row["rests"], row["decides"]) for row in found["rows"]]
