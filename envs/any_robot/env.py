@@ -143,7 +143,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     With `cadence` above 0, actions correct a reference gait instead, which needs no learning: feet that are neighbours
     around the body take turns (a quadruped trots, a hexapod walks on tripods, a biped steps). In half of each cycle a
     foot is lifted by `lift` and swings ahead, in the other half it goes back on the ground, as fast as the command asks
-    there. The joints follow by the derivatives of the feet in the stance. At command 0 it stands.
+    there, times `forward_stride`, `sideways_stride` and `turn_stride`. It lands and leaves as fast as the ground goes by. The
+    joints follow by the derivatives of the feet in the stance. At command 0 it stands.
 
     On two feet the base sways over the one that stands: with `sway` 1 by $y / (1 + \omega^2 h / g)$, where the feet are $y$
     from their middle and $\omega$ is that of the cycle. So a pendulum of height $h$ presses on the ground at that foot. It
@@ -170,7 +171,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     `HopperEnv`). $v$ is the velocity of the base in its heading's frame, $\omega_z$ its turn about the vertical; a bar means
     the mean of the gait's last cycle, within which it sways; of 0.4 s without a gait.
 
-    - *reward_tracking*: $w_{tracking} \exp(-|\bar v_{xy} - v_{cmd}|^2 / tolerance^2)$.
+    - *reward_tracking*: $w_{tracking} \exp(-|\bar v_{xy} - v_{cmd}|^2 / tolerance^2)$; to the side over
+      `sideways_tolerance`, where that is given.
     - *reward_turn*: $w_{turn} \exp(-(\bar\omega_z - \omega_{cmd})^2 / tolerance_{turn}^2)$.
     - *reward_upright*: $-w_{upright} \sin^2$ of the tilt of the base from the stance.
     - *reward_sway*: $-w_{sway} ((v_z / tolerance)^2 + (\omega_{xy} / tolerance_{turn})^2)$.
@@ -206,7 +208,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     forward, 0.6 rad/s, 2.5 Hz and 0.02 m. On two feet, speeds and lift are a third.
     Legs that cannot step aside, or turn only in part, are asked for 0, or for that part.
     Where the reference gait alone falls, the lift is halved, up to twice. A `lead` that is null is 0, 0.06 or 0.12, whichever
-    does best there.
+    follows best there, and a `sway` that is null 1 or $4 / \pi$. A stride that is null makes up for what the gait lacks of
+    the way, or has too much, where the robot follows better with it.
 
     ## Arguments
 

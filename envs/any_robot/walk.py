@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -30,6 +30,12 @@ ON_TWO = 1.0 / 3.0  # of the speeds and heights, on two feet: what the small bip
 TRIALS, TRIAL_TIME = 8, 4.0  # simulations of the gait that is tried, and how long [s]
 HALVINGS = 2  # of the lift, at which a robot that falls is tried again
 LEADS = (0.0, 0.06, 0.12)  # shares of a cycle that are tried: servos that carry weight are later than those that swing
+SWAYS = (1.0, 4.0 / np.pi)
+"""That are tried: the ground presses where the foot is in the middle of its turn, or in its turn's first harmonic."""
+STRIDE_NAMES = ("forward_stride", "sideways_stride", "turn_stride")
+STRIDE_TRIALS = 24  # simulations that tell strides: two legs do differently from start to start
+LEAST_WAY = 0.25  # share of what is asked for, below which the gait makes no way that longer strides make up for
+MOST_STRIDE = 2.0  # over what the command asks; and its inverse the least
 
 
 @dataclass(frozen=True)
@@ -74,21 +80,49 @@ class Sizes:
         return cls(**short)
 
 
-def tried(engine: BatchEngine) -> tuple[int, float]:
-    """How a robot does by its reference gait alone: falls of some simulations, and what is lacking of reward."""
+class Tried(NamedTuple):
+    """How a robot does by its reference gait alone: falls of some simulations, and how those that stood were off.
+
+    In tolerances of the reward; and the shares of the way forward, sideways and about the vertical that they made (3,),
+    1 where nothing is asked for.
+    """
+
+    falls: int
+    off: float
+    way: tuple[float, ...]
+
+
+def tried(engine: BatchEngine) -> Tried:
+    """Try the reference gait of an engine."""
+    task = engine.task
+    assert isinstance(task, WalkTask)
     engine.seed(0)
     engine.reset()
     still = np.zeros((engine.num_envs, len(engine.action_names)))
-    fallen, reward = np.zeros(engine.num_envs, bool), 0.0
-    for _ in range(round(TRIAL_TIME / engine.dt)):
-        result = engine.step(still)
-        fallen, reward = fallen | result.terminated, reward + float(np.mean(result.reward))
-    return int(fallen.sum()), -reward
+    fallen, seen = np.zeros(engine.num_envs, bool), []
+    for step in range(round(TRIAL_TIME / engine.dt)):
+        fallen |= engine.step(still).terminated
+        if step * engine.dt >= 0.25 * TRIAL_TIME:
+            velocity, turn, _ = task.velocity(engine.motion(still))
+            seen.append(np.column_stack([velocity[:, :2], turn]))
+    if fallen.all():
+        return Tried(len(fallen), np.inf, (1.0, 1.0, 1.0))
+    asked, done = engine.motion(still).command[~fallen], np.mean(seen, axis=0)[~fallen]
+    size = (asked**2).sum(axis=0)
+    way = np.where(size > 0.0, (asked * done).sum(axis=0) / np.maximum(size, 1e-12), 1.0)
+    off = np.abs(done - asked) / [task.sizes.tolerance, task.sizes.tolerance, task.sizes.turn_tolerance]
+    return Tried(int(fallen.sum()), float(off.mean()), tuple(way.tolist()))
 
 
 def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
     """A number, or several, with two significant digits."""
     return tuple(float(f"{item:.2g}") + 0.0 for item in value) if isinstance(value, tuple) else float(f"{value:.2g}")
+
+
+def _swung(share: np.ndarray) -> np.ndarray:
+    """Where a foot is in its stride at a share of its swing (n,): -0.5 to 0.5, at both ends as fast as the ground."""
+    ends = -SWING / (1.0 - SWING) * share * (1.0 - share) * (1.0 - 2.0 * share)
+    return -0.5 + share**2 * (3.0 - 2.0 * share) + ends
 
 
 @dataclass(frozen=True)
@@ -105,11 +139,15 @@ class WalkTask(Commanded):
     correction: float = option(0.25, "see Action Space")
     cadence: float | None = option(0.0, "cycles of the reference gait per second [Hz]; 0: none")
     lift: float | None = option(None, "of a foot, in the reference gait and the reward", "m")
-    sway: float = option(
-        1.0, "on two feet, in that gait: share of the way that takes the weight over the one that stands"
+    sway: float | None = option(
+        None, "on two feet, in that gait: share of the way that takes the weight over the one that stands"
     )
     lead: float | None = option(None, "by which that comes before the feet, in cycles")
+    forward_stride: float | None = option(1.0, "in that gait, over the command; null: as it follows best")
+    sideways_stride: float | None = option(1.0, "the same to the side")
+    turn_stride: float | None = option(1.0, "the same of turning")
     tolerance: float | None = option(None, "see Rewards", "m/s")
+    sideways_tolerance: float | None = option(None, "to the side, see Rewards; null: as `tolerance`", "m/s")
     turn_tolerance: float | None = option(None, "see Rewards", "rad/s")
     tracking_weight: float = 2.0
     turn_weight: float = 1.0
@@ -131,7 +169,7 @@ class WalkTask(Commanded):
 
     robot = get_robot("quadruped")
     ranges = ("forward", "sideways", "turn")
-    scales = ("tolerance", "turn_tolerance", "lift")
+    scales = ("tolerance", "sideways_tolerance", "turn_tolerance", "lift")
     per_joint = 1
     per_robot = len(COMMANDS) + 1
     sees = ("ground", "bodies")
@@ -170,22 +208,40 @@ class WalkTask(Commanded):
         return replace(Sizes.of(self.stance), **{key: value for key, value in given.items() if value is not None})
 
     def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
-        sized = replace(self, **vars(self.sizes))
+        left_open = [name for name in STRIDE_NAMES if getattr(self, name) is None]
+        two = bool(self.stance.aside.any())
+        sways = SWAYS if self.sway is None and two else [1.0 if self.sway is None else self.sway]
+        open_strides = dict.fromkeys(left_open, 1.0)
+        sized = replace(self, **vars(self.sizes), sway=sways[0], **open_strides)
         if not self.sizes.cadence > 0.0:
             return sized
-        swaying = self.sway > 0.0 and self.stance.aside.any()
         lifts = [self.sizes.lift / 2.0**k for k in range(HALVINGS + 1)] if self.lift is None else [self.lift]
-        leads = LEADS if self.lead is None and swaying else [self.sizes.lead]
+        leads = LEADS if self.lead is None and two and sways[0] > 0.0 else [self.sizes.lead]
         best = sized
         for lift in lifts:
-            tasks = [replace(sized, lift=lift, lead=lead) for lead in leads]
+            tasks = [replace(sized, lift=lift, lead=lead, sway=sway) for sway in sways for lead in leads]
             if len(tasks) == 1 and lift == lifts[-1]:
-                return tasks[0]
-            found = [tried(trial(task, TRIALS)) for task in tasks]
-            best = tasks[found.index(min(found))]
-            if min(found)[0] == 0:
+                best = tasks[0]
                 break
-        return best
+            trials = [tried(trial(task, TRIALS)) for task in tasks]
+            found = min(trials)
+            best = tasks[trials.index(found)]
+            if found.falls == 0:
+                break
+        return best._strode(left_open, trial) if left_open else best
+
+    @property
+    def _strides(self) -> np.ndarray:
+        """Of the reference gait over the command (3,)."""
+        return np.array([1.0 if (given := getattr(self, name)) is None else given for name in STRIDE_NAMES])
+
+    def _strode(self, left_open: Sequence[str], trial: Callable[[Self, int], Any]) -> Self:
+        """With strides that make up for what the gait lacks of the way, or has too much, if that does better."""
+        found = tried(trial(self, STRIDE_TRIALS))
+        wanted = self._strides / np.maximum(found.way, LEAST_WAY)
+        kept = np.clip(wanted, 1.0 / MOST_STRIDE, MOST_STRIDE).round(2).tolist()
+        task = replace(self, **{name: kept[STRIDE_NAMES.index(name)] for name in left_open})
+        return task if tried(trial(task, STRIDE_TRIALS)) < found else self
 
     def averaged(self) -> float:
         return 1.0 / self.sizes.cadence if self.sizes.cadence > 0.0 else super().averaged()
@@ -218,27 +274,29 @@ class WalkTask(Commanded):
         """Change of the goals (n, k): each foot in turn is lifted and swings ahead, as the command asks.
 
         Of two feet, one stands where the weight is not. So the base sways over it, as far as a pendulum on the ground
-        must for the ground to press where that foot is.
+        must for the ground to press where that foot is. A foot lands and leaves as fast as the ground goes by: one that
+        swings ahead while it still or already carries weight holds the robot back.
         """
         stance, found, walking = self.stance, 0.0, 0.0
+        walk = command * self._strides
         slow = SLOW * float(np.sqrt(GRAVITY * stance.height))
         for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
             cycle = (self.sizes.cadence * time + 0.5 * float(turn)) % 1.0
-            along, across = self._speed_of(command, place)
+            along, across = self._speed_of(walk, place)
             spinning = np.abs(command[:, 2]) * RIM * stance.height * float(stance.per_turn[foot].any())
             moving = np.minimum((np.sqrt(along * along + across * across) + spinning) / slow, 1.0)
             swinging = cycle < SWING
-            ahead = np.where(swinging, -0.5 * np.cos(np.pi * cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
+            ahead = np.where(swinging, _swung(cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
             up = self.sizes.lift * moving * np.where(swinging, np.sin(np.pi * cycle / SWING), 0.0)
             stride = (1.0 - SWING) / self.sizes.cadence  # [s] on the ground
             for axis, way in enumerate((stride * along * ahead, stride * across * ahead, up)):
                 found = found + way[:, None] * stance.per_metre[foot, axis]
-            found = found + (stride * command[:, 2] * ahead)[:, None] * stance.per_turn[foot]
+            found = found + (stride * walk[:, 2] * ahead)[:, None] * stance.per_turn[foot]
             walking = walking + moving / len(stance.feet)
-        if not self.sway * stance.aside.any():
+        if self.sway == 0.0 or not stance.aside.any():
             return found
         rate = 2.0 * np.pi * self.sizes.cadence
-        size = self.sway / (1.0 + rate * rate * stance.height / GRAVITY)
+        size = (1.0 if self.sway is None else self.sway) / (1.0 + rate * rate * stance.height / GRAVITY)
         sway = size * walking * np.sin(2.0 * np.pi * (self.sizes.cadence * time + self.sizes.lead))
         soles = -(stance.per_metre[:, :2] * stance.aside[:, None]).sum(axis=(0, 1))  # they move the other way
         return found + sway[:, None] * soles
@@ -301,7 +359,8 @@ class WalkTask(Commanded):
         m, stance, world = motion, self.stance, motion.world
         velocity, _, sway = self.velocity(m)
         mean = self.ahead(m, world.mean_velocity(stance.base))
-        off = ((mean[:, :2] - m.command[:, :2]) ** 2).sum(axis=1) / self.sizes.tolerance**2
+        widths = self.sizes.tolerance, self.sideways_tolerance or self.sizes.tolerance
+        off = (((mean[:, :2] - m.command[:, :2]) / widths) ** 2).sum(axis=1)
         astray = ((world.mean_turn_rate(stance.base)[:, 2] - m.command[:, 2]) / self.sizes.turn_tolerance) ** 2
         bounce = (velocity[:, 2] / self.sizes.tolerance) ** 2 + (sway / self.sizes.turn_tolerance) ** 2
         soles, speeds = self._soles(m)
