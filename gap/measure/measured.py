@@ -13,7 +13,7 @@ from ..causes.cause import Cause, Variant
 from ..causes.load import STOPS, as_logged
 from ..log.parts import FIT_A, FIT_B, TEST
 from ..replay.comparison import robust_loss
-from ..replay.parameters import Parameter, absolute
+from ..replay.parameters import Parameter
 from ..replay.problem import Nominal, Problem
 from ..search.alike import with_alike
 from ..search.fit import Fit, fit, middle
@@ -27,6 +27,7 @@ from .adrift import begun_fit, left_by
 from .case import Replay
 from .confidence import THRESHOLDS, Adrift, Thresholds, as_noise_allows, by_effect, confidence, law_error, standing
 from .named import Error, NamedCause, OpenCause, Value
+from .rivals import beside_rivals, intervals_of
 from .signatures import Signature, disagreeing, signatures
 from .unseen import (
     Handed,
@@ -216,6 +217,9 @@ def measure(replay: Replay, search: Search, joint: str, seed: int) -> Measured:
     turned = with_alike({p.number for p in wide}, own)
     account = Account(1.0 - unexplained, sought_in / problem.noise**2, charge, turned, led)
     freed = own if handed == "extended" and sought.loose else None
+    if sought.accepted:
+        at = intervals_of(fitted, search.settings.rough_iterations, seed)
+        model = replace(model, bounds=beside_rivals(sought, model.bounds, at))
     causes, tuned_share = _name_causes(replay, sought, model, joint, account, unnamed, features)
     return Measured(
         gap=gap,
@@ -359,7 +363,6 @@ def _name_causes(
     rounds = [r for r in search.rounds if r.accepted]
     residual = float(robust_loss(np.sqrt(rest.level))) if rest.noticed else 0.0
     neighbours = float(robust_loss(np.sqrt(THRESHOLDS.neighbours))) if replay.of_robot else 0.0
-    bounds = beside_rivals(search, model.bounds, fitting.models[0])
     named = []
     for k, (candidate, share) in enumerate(zip(search.accepted, shares, strict=True)):
         before, after = rounds[k].before.sum(), candidate.blocks.sum()
@@ -369,7 +372,7 @@ def _name_causes(
         led = account.led.get(candidate.cause.key, Led(removed, residual, account.beyond))
         beyond = 1.0 if candidate.variant[0].number in account.numbers else led.beyond
         sure = confidence(min(candidate.best, candidate.better), led.removed, led.residual + neighbours + wrong, beyond)
-        simpler = not_excluded(candidate.cause, candidate.variant, model.bounds, search.settings.shape_edge)
+        simpler = not_excluded(candidate.cause, candidate.variant, model.spread, search.settings.shape_edge)
         if simpler and simpler not in {c.cause.name for c in search.accepted}:
             rivals, sure = tuple(dict.fromkeys((*rivals, simpler))), sure * THRESHOLDS.at_bound
         sizes = [p for p in candidate.variant if p.is_size]
@@ -387,7 +390,7 @@ def _name_causes(
                 share=share,
                 confidence=sure,
                 parameters={
-                    p.number: _value(p, model.fitted, bounds, fitting.models[0])
+                    p.number: _value(p, model.fitted, model.bounds, fitting.models[0])
                     for p in candidate.variant
                     if p.path in model.fitted.values
                 },
@@ -401,34 +404,6 @@ def _name_causes(
             )
         )
     return tuple(sorted(named, key=lambda cause: -cause.share)), tuned_share
-
-
-def beside_rivals(
-    search: Search, bounds: Mapping[str, tuple[float, float]], nominal: Nominal
-) -> dict[str, tuple[float, float]]:
-    """Intervals that also hold what each number is beside the rivals of the last cause, as wide there as here.
-
-    Of a weaker motor and an encoder that reads too much, which one is beside a rotor decides how heavy the rotor is.
-
-    Args:
-        search: that found the model.
-        bounds: intervals by path.
-        nominal: what is believed.
-    """
-    last = next((step for step in reversed(search.rounds) if step.accepted), None)
-    here, found = absolute(middle(*search.fits), nominal), dict(bounds)
-    for rival in [] if last is None else search.close(last):
-        there = absolute(middle(*rival.fits), nominal)
-        for p in search.parameters():
-            if p.path in bounds and p.number in here and p.number in there:
-                moved = there[p.number] - here[p.number]
-                moved /= float(nominal.value(p.number)) if p.factor else 1.0
-                low, high = found[p.path]
-                found[p.path] = (
-                    max(min(low, bounds[p.path][0] + moved), p.low),
-                    min(max(high, bounds[p.path][1] + moved), p.high),
-                )
-    return found
 
 
 def not_excluded(cause: Cause, variant: Variant, bounds: Mapping[str, tuple[float, float]], edge: float) -> str:

@@ -16,7 +16,7 @@ from sealegs.gap.causes.cause import Cause
 from sealegs.gap.causes.friction import RIPPLE_COUNTS
 from sealegs.gap.finder.diagnosis import first_look
 from sealegs.gap.fit import FittedValue
-from sealegs.gap.measure.measured import beside_rivals
+from sealegs.gap.measure.rivals import beside_rivals
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.replay.joint_model import JointModel
 from sealegs.gap.replay.parameters import Parameter, factor
@@ -239,36 +239,46 @@ def test_intervals_of_delay_and_viscous_friction_hold_the_truth() -> None:
 
 
 ROTOR = Parameter("load.extra_inertia", "kg.m2", 0.0, 0.04, 0.0, 0.01)
+SCALE = Parameter("encoder.scale", "1", 0.8, 1.25, 1.05, 0.02)
 TUNED = factor("dc_motor.resistance", 0.94, 1.06, 0.05, 0.4)
-BOUNDS = {ROTOR.path: (0.0287, 0.0326), TUNED.path: (0.95, 1.06)}
+BOUNDS = {ROTOR.path: (0.0287, 0.0326), SCALE.path: (1.07, 1.10), TUNED.path: (0.95, 1.06)}
 
 
-def fitted(rotor: float, resistance: float) -> Any:
-    one = SimpleNamespace(values={ROTOR.path: rotor, TUNED.path: resistance})
-    return one, one
+def fitted(**values: float) -> Any:
+    """Fits to both parts of the data."""
+    return (SimpleNamespace(values=values),) * 2
 
 
-def widened(*rivals: Any, accepted: bool = True) -> dict[str, tuple[float, float]]:
-    """Intervals of a rotor beside an encoder that reads too much, with these in its place."""
-    rounds = [SimpleNamespace(accepted=accepted), SimpleNamespace(accepted=False)]
-    candidates = [SimpleNamespace(fits=fits) for fits in rivals]
+def widened(
+    there: dict[str, tuple[float, float]], *paths: str, accepted: bool = True
+) -> dict[str, tuple[float, float]]:
+    """Intervals of a rotor beside an encoder that reads too much, with a rival of the encoder that leaves those open.
+
+    Args:
+        there: intervals beside the rival.
+        paths: that the rival's model turns.
+        accepted: whether the round is one of what was found.
+    """
+    rival = SimpleNamespace(fits=fitted(**dict.fromkeys(paths, 1.0)), variant=(TUNED,))
+    first, second = (SimpleNamespace(accepted=accepted, rivals=those) for those in ((), (rival,)))
     search: Any = SimpleNamespace(
-        rounds=rounds, fits=fitted(0.0297, 1.0), close=lambda step: candidates * step.accepted,
-        parameters=lambda: [ROTOR, TUNED],
+        rounds=[first, second, SimpleNamespace(accepted=False, rivals=(rival,))], tuned=(TUNED,),
+        accepted=[SimpleNamespace(variant=(p,)) for p in (ROTOR, SCALE)], close=lambda step: step.rivals,
     )  # fmt: skip
-    nominal: Any = SimpleNamespace(value=lambda number: 2.7)
-    return beside_rivals(search, BOUNDS, nominal)
+    return beside_rivals(search, BOUNDS, lambda turned, fits: {p.path: there[p.path] for p in turned})
 
 
-def test_a_rotor_may_be_what_it_is_beside_a_rival_of_the_last_cause() -> None:
+def test_a_rotor_may_be_what_it_is_beside_a_rival_of_another_cause() -> None:
     """Beside an encoder's scale of 1.09 it was 0.0297 [0.0287, 0.0326], beside the weaker motor that was meant 0.02."""
-    found = widened(fitted(0.0201, 1.0), fitted(0.0300, 1.02))
-    assert found[ROTOR.path] == pytest.approx((0.0191, 0.0329))
-    assert found[TUNED.path] == pytest.approx((0.95, 1.06))  # never beyond what may be
+    there = {ROTOR.path: (0.0191, 0.0230), TUNED.path: (0.94, 1.0)}
+    found = widened(there, ROTOR.path, TUNED.path)
+    assert found == {**BOUNDS, ROTOR.path: (0.0191, 0.0326)}  # the rest is told beside what was found
 
 
 def test_without_a_rival_an_interval_stays() -> None:
-    assert widened() == BOUNDS and widened(fitted(0.02, 1.0), accepted=False) == BOUNDS
+    there = {ROTOR.path: (0.0191, 0.0230), TUNED.path: (0.94, 1.0)}
+    assert widened(there, ROTOR.path, TUNED.path, accepted=False) == BOUNDS
+    assert widened(there, TUNED.path) == BOUNDS  # it was tried before the rotor was found
 
 
 # --- A latency of the bus is found at first sight, also where it is longer than a sample and the duty is logged ------
