@@ -17,7 +17,7 @@ from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.parts import cut
 from ..log.torque_side import side_note
-from ..log.types import Array, LogError, MeasuredRun
+from ..log.types import LogError, MeasuredRun
 from ..measure.case import Case, Replay
 from ..prepare.pieces import cut_joint, fit_runs
 from ..prepare.request import Request
@@ -27,6 +27,7 @@ from ..replay.joint_model import JointModel
 from ..replay.problem import converged
 from ..replay.torque import acts, torque_problem
 from ..replay.tree import HELD
+from ..robot.joints import NOTHING_KNOWN, Known
 from ..search.channels import weigh_channels
 from ..search.delays import with_started_delays
 from ..search.windows import in_windows
@@ -47,7 +48,7 @@ def joint_case(
     joint: str,
     findings: tuple[Finding, ...],
     request: Request,
-    more: Sequence[Array] | None = None,
+    known: Known = NOTHING_KNOWN,
 ) -> Case | NotReplayed:
     """A joint ready to be searched: replayed freely on a bench or in a tree, driven where what holds its link is not
     known.
@@ -56,13 +57,13 @@ def joint_case(
         machine, joint: that were logged.
         findings: about the log of the joint.
         request: what was asked for.
-        more: as of :func:`diagnose_joint`.
+        known: of it from the other joints of its robot.
 
     Raises:
         LogError: the runs name no actuator for it, or are too short.
     """
     machine = with_believed_loads(machine)
-    pieces = cut_joint(machine, joint, request.test_group, more)
+    pieces = cut_joint(machine, joint, request.test_group, known.more)
     first = pieces.models[0]
     causes = catalogue(first, request.causes)
     layout = (pieces.runs, joint, pieces.models, pieces.units)

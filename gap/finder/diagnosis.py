@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -17,7 +17,7 @@ from ..ground.ground import GROUND, GroundSearch, on_ground, search_ground
 from ..load.robot import Machine
 from ..log.finding import Finding
 from ..log.progress import Progress
-from ..log.types import OF_CHAINS, Array, MeasuredSet
+from ..log.types import OF_CHAINS, MeasuredSet
 from ..measure.belief import measured_within_belief
 from ..measure.case import Case, Replay
 from ..measure.confidence import telling
@@ -32,8 +32,8 @@ from ..prepare.request import Request
 from ..prepare.resting import without_rests
 from ..replay.joint_model import JointModel
 from ..robot.encoders import beside_tilt
-from ..robot.joints import Asked
-from ..robot.judged import with_robot
+from ..robot.joints import NOTHING_KNOWN, Known
+from ..robot.judged import OfRobot, noted, of_robot
 from ..robot.together import (
     FirstLook,
     agreed_latency,
@@ -45,7 +45,7 @@ from ..robot.together import (
 )
 from ..search.forward import NUMERICAL, Searcher
 from ..search.result import Search
-from ..search.seek import seek
+from ..search.seek import begun, seek
 from ..search.settings import DEFAULT, SearchSettings
 from ..verdict.decide import decide, refuse
 from ..verdict.verdict import (
@@ -55,6 +55,7 @@ from ..verdict.verdict import (
     JointDiagnosis,
     Refused,
     Replayed,
+    Verdict,
     data_errors,
     recording_reasons,
     rivals_of,
@@ -64,6 +65,8 @@ from .imu import beside, diagnose_imu
 from .parallel import side_by_side
 
 LOGGER = logging.getLogger("sealegs")
+BEGUN = "begun"
+"""In the place of a verdict, of a joint whose usual causes were sought."""
 
 
 def diagnose(
@@ -119,18 +122,20 @@ def diagnose(
             looked = seek_latency(joints, seen, request)
             request = replace(request, latency=looked.latency)
             machine = with_neighbours(machine, looked.numbers())
-    found = side_by_side(dict.fromkeys(joints, _whatever_happens), machine, findings, request, workers, done, errors)
-    whole = len(found) == len(joints)  # what joints share and the ground under them need all of them
-    if only is None and whole and on_ground(machine):
+    shared = OfRobot({})
+    if only is None and machine.robot is not None and len(joints) > 1:
+        with apart("what joints share", errors):  # without it, each joint is diagnosed by itself
+            shared = _of_robot(machine, joints, findings, request, workers)
+    tasks = {joint: partial(_whatever_happens, shared.known.get(joint, NOTHING_KNOWN)) for joint in joints}
+    found = side_by_side(tasks, machine, findings, request, workers, done, errors)
+    found = shared.beside(found, request)
+    for joint in found:
+        if joint.joint in shared.before or joint is shared.robot:
+            done(joint)
+    if only is None and len(found) >= len(joints) and on_ground(machine):  # it needs all of them
         with apart("the ground", errors):
             found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(machine, found, request)))
             done(found[-1])
-    if only is None and whole and machine.robot is not None:
-        with apart("what joints share", errors):
-            before, found = found, _with_robot(machine, findings, found, request, workers)
-            for joint in found:
-                if all(joint is not other for other in before):  # of the robot, or judged again
-                    done(joint)
     if beside(machine.runs) and (only is None or IMU in only):
         frames = {} if machine.robot is None else dict(machine.robot.frames)
         with apart("the IMU", errors):
@@ -152,46 +157,47 @@ def _shared_once(found: list[JointDiagnosis], request: Request) -> list[JointDia
     return with_supply(with_latency(late, latency), latency)
 
 
-def _with_robot(
-    machine: Machine,
-    findings: Sequence[Finding],
-    found: list[JointDiagnosis],
-    request: Request,
-    workers: int | None,
-) -> list[JointDiagnosis]:
-    """What joints share, and the joints in its light; what was found of single joints where its numbers fail."""
+def _of_robot(
+    machine: Machine, joints: Sequence[str], findings: Sequence[Finding], request: Request, workers: int | None
+) -> OfRobot:
+    """What joints share, from what is found at each of them first; nothing where its numbers fail."""
 
-    def again(asked: Asked) -> list[JointDiagnosis]:
-        tasks = {joint: partial(_again, more, note) for joint, (more, note) in asked.items()}
+    def begin(known: Mapping[str, Known]) -> list[JointDiagnosis]:
+        tasks = {joint: partial(_begun, each) for joint, each in known.items()}
         return side_by_side(tasks, machine, findings, request, workers, lambda joint: None)
 
+    first = begin(dict.fromkeys(joints, NOTHING_KNOWN))
     try:
-        return with_robot(machine, found, request, again)
+        return of_robot(machine, first, request, begin)
     except NUMERICAL as error:
         LOGGER.exception("the search for what joints share failed")
         why = f"the search for what joints share failed ({type(error).__name__}: {error})"
         request.progress(why)
         said = f"{why}; what was found of each joint stands."
-        fault = Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])
-        return [joint.changed(findings=(*joint.findings, fault)) for joint in found]
+        return OfRobot(noted({}, first, Finding("search.fault", "warning", None, None, said[0].upper() + said[1:])))
 
 
-def _again(
-    more: Sequence[Array] | None,
-    note: Finding,
-    machine: Machine,
-    joint: str,
-    findings: Sequence[Finding],
-    request: Request,
+def _begun(known: Known, machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
+    """What is found of a joint first, for what others share with it: its usual causes, and nothing is said of them."""
+
+    def begin() -> JointDiagnosis:
+        case = _case(machine, joint, findings, request, known)
+        if isinstance(case, NotReplayed) or case.replay is None or not case.replay.of_robot:
+            return refuse(joint, Refused(f"'{joint}'", "it is not replayed beside the others", usable=True))
+        search = begun(_searcher(case.replay, request))
+        measured, search = measured_within_belief(case.replay, search, joint, request.seed)
+        case = replace(case, replay=replace(case.replay, along=None))  # no function goes to another process
+        return JointDiagnosis(case, Verdict(BEGUN, ""), beside_tilt(measured, case.findings), search)
+
+    return _kept(joint, f"'{joint}'", (), request, begin)
+
+
+def _whatever_happens(
+    known: Known, machine: Machine, joint: str, findings: Sequence[Finding], request: Request
 ) -> JointDiagnosis:
-    """The diagnosis of a joint with what the robot was found to have."""
-    return diagnose_joint(machine, joint, [*findings, note], request, more)
-
-
-def _whatever_happens(machine: Machine, joint: str, findings: Sequence[Finding], request: Request) -> JointDiagnosis:
     """The diagnosis of a joint; a refusal where its numbers fail, so that what was found of other joints is kept."""
     mine = [f for f in findings if f.joint in (joint, None)]
-    return _kept(joint, f"'{joint}'", mine, request, lambda: diagnose_joint(machine, joint, findings, request))
+    return _kept(joint, f"'{joint}'", mine, request, lambda: diagnose_joint(machine, joint, findings, request, known))
 
 
 def _kept(
@@ -211,7 +217,7 @@ def diagnose_joint(
     joint: str,
     findings: Sequence[Finding],
     request: Request,
-    more: Sequence[Array] | None = None,
+    known: Known = NOTHING_KNOWN,
 ) -> JointDiagnosis:
     """Diagnose one joint of a machine whose faults are mended.
 
@@ -220,26 +226,41 @@ def diagnose_joint(
         joint: its name.
         findings: about the log.
         request: what was asked for.
-        more: of a joint of a robot, what is added to the load that its file gives, in each run (samples, T_SIZE).
+        known: of it from the other joints of its robot.
 
     Raises:
         LogError: the runs name no actuator for it, or are too short.
     """
-    mine = tuple(f for f in findings if f.joint in (joint, None, ""))
     if not _is_commanded(machine, joint):  # only its torque can be judged
+        mine = _of_joint(joint, findings, known)
         replay, mine = replay_of_torque(with_believed_loads(machine).runs, joint, mine, request)
         case = replace(judged_by_replay(joint, replay), findings=mine)
-        return conclude(case, _search(case, request), request)
-    case = joint_case(machine, joint, mine, request, more)
+        return conclude(case, seek(_searcher(replay, request)), request)
+    case = _case(machine, joint, findings, request, known)
     if isinstance(case, NotReplayed):
         return refuse(joint, case.why, case.findings)
-    if (shared := request.latency) is not None and (replay := case.replay) is not None:
-        wide, tuned = (shared.numbers_of(joint, numbers) for numbers in (replay.wide, replay.tuned))
-        replay = replace(replay, wide=wide, tuned=tuned, causes=shared.causes_of(joint, replay.causes))
-        case = replace(case, replay=replay)
-    search = _search(case, request)
+    assert case.replay is not None
+    search = seek(_searcher(case.replay, request))
     request.progress("measuring the gain on runs that nothing has seen")
-    return beside_latency(conclude(case, search, request), shared)
+    return beside_latency(conclude(case, search, request), request.latency)
+
+
+def _of_joint(joint: str, findings: Sequence[Finding], known: Known) -> tuple[Finding, ...]:
+    """The findings about a joint and about all of the log."""
+    return tuple(f for f in (*findings, *known.notes) if f.joint in (joint, None, ""))
+
+
+def _case(
+    machine: Machine, joint: str, findings: Sequence[Finding], request: Request, known: Known
+) -> Case | NotReplayed:
+    """A joint that is commanded, ready to be searched, with the latency that all joints share."""
+    case = joint_case(machine, joint, _of_joint(joint, findings, known), request, known)
+    if isinstance(case, NotReplayed) or case.replay is None or (shared := request.latency) is None:
+        return case
+    replay = case.replay
+    wide, tuned = (shared.numbers_of(joint, numbers) for numbers in (replay.wide, replay.tuned))
+    replay = replace(replay, wide=wide, tuned=tuned, causes=shared.causes_of(joint, replay.causes))
+    return replace(case, replay=replay)
 
 
 def _is_commanded(machine: Machine, joint: str) -> bool:
@@ -333,20 +354,16 @@ def conclude(case: Case, search: Search, request: Request) -> JointDiagnosis:
 # --- the steps ---------------------------------------------------------------------------------------------------
 
 
-def _search(case: Case, request: Request) -> Search:
-    replay = case.replay
-    assert replay is not None
-    return seek(
-        Searcher(
-            replay.fitting,
-            causes=list(replay.causes),
-            tuned=tuple(replay.tuned),
-            progress=request.progress,
-            seed=request.seed,
-            settings=request.search,
-            look_on=request.look_on,
-            wide=tuple(replay.wide),
-        )
+def _searcher(replay: Replay, request: Request) -> Searcher:
+    return Searcher(
+        replay.fitting,
+        causes=list(replay.causes),
+        tuned=tuple(replay.tuned),
+        progress=request.progress,
+        seed=request.seed,
+        settings=request.search,
+        look_on=request.look_on,
+        wide=tuple(replay.wide),
     )
 
 

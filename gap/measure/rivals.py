@@ -16,7 +16,7 @@ IntervalsAt = Callable[[Sequence[Parameter], tuple[Fit, Fit]], Mapping[str, Inte
 
 
 def beside_rivals(search: Search, bounds: Mapping[str, Interval], intervals_at: IntervalsAt) -> dict[str, Interval]:
-    """Intervals that also hold what each number is beside the rivals of the other causes, as far as it is open there.
+    """Intervals that also hold what each number is beside the rivals of the causes, as far as it is open there.
 
     Of a weaker motor and an encoder that reads too much, which one is beside a rotor decides how heavy the rotor is.
     And what one of them leaves open of it, the other may not: with a motor constant that is a cause, a resistance is
@@ -27,17 +27,16 @@ def beside_rivals(search: Search, bounds: Mapping[str, Interval], intervals_at: 
         bounds: intervals by path.
         intervals_at: gives those of another model.
     """
-    found = dict(bounds)
+    found, told = dict(bounds), {p.path for one in search.accepted for p in one.variant} & bounds.keys()
     for place, step in enumerate(step for step in search.rounds if step.accepted):
         others = [one.variant for number, one in enumerate(search.accepted) if number != place]
-        told = {p.path for variant in others for p in variant} & bounds.keys()
-        for rival in search.close(step) if told else []:
+        for rival in search.close(step):
             fitted = rival.fits[0].values
-            if not told <= fitted.keys():  # it was tried before all the others were found
+            turned = merge(search.tuned, *others, rival.variant)
+            if not {p.path for p in turned} <= fitted.keys():  # it was tried before all the others were found
                 continue
-            turned = [p for p in merge(search.tuned, *others, rival.variant) if p.path in fitted]
             there = intervals_at(turned, rival.fits)
-            for path in told:
+            for path in told & there.keys():
                 (low, high), (least, most) = found[path], there[path]
                 found[path] = min(low, least), max(high, most)
     return found

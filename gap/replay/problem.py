@@ -39,6 +39,7 @@ NOISE_FLOORS = "noise floors"
 """Unit of errors of joints whose own units differ: each in parts of its joint's noise."""
 ROBOT_STEP = 5e-3  # [s] tried first at joints of robots, whose logs are coarser and longer than those of benches
 STEPS = (2.5e-3, 1.7e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)  # [s]
+UNNOTICED = 0.1  # noise floors that a replay may change by as its steps are halved: a quarter makes a structure
 FAR = 1e3  # [rad] where a variant is said to be whose values make no chain
 
 
@@ -465,8 +466,6 @@ def converged(problem: Joint) -> Joint:
     """The problem with the largest step whose discretisation error is below a tenth of the noise.
 
     That is how much the replay changes as it is halved; :func:`largest_step` bounds it where that is less.
-
-    A quarter would be invisible in the error, but not to a search that looks for structure in it.
     """
     step = problem.step
     # a chain with springs or switches is replayed in shorter steps whatever is tried, and says nothing of long ones
@@ -476,7 +475,7 @@ def converged(problem: Joint) -> Joint:
         if any(map(diverged, replays)):  # two that leave all bounds are alike
             continue
         whole, halved = map(problem.position_error, replays)
-        if np.sqrt(np.mean((whole - halved) ** 2)) < 0.1 * problem.noise:
+        if np.sqrt(np.mean((whole - halved) ** 2)) < UNNOTICED * problem.noise:
             break
     return replace(problem, step=step)
 

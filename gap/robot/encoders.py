@@ -10,7 +10,7 @@ that it explains are judged with it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from ..load.robot import LoggedRobot
@@ -29,7 +29,7 @@ from ..search.settings import DEFAULT
 from ..search.sketch import spread
 from ..verdict.verdict import JointDiagnosis
 from .directions import rows_of, tilt
-from .joints import Again, Joints, joints_of
+from .joints import NOTHING_KNOWN, Again, Joints, Known, joints_of
 from .problem import RobotModel, RobotProblem
 from .search import LOAD_CAUSES, laid
 
@@ -68,13 +68,15 @@ class InLight:
     Attributes:
         found: diagnoses.
         runs: with the angles that were, as far as an encoder was found to misread them.
-        rows: by joint what that adds to its terms in each run (samples, T_SIZE).
+        moved: by joint, what that adds to its terms in each run (samples, T_SIZE).
+        known: what joints were judged with.
         tilted: whether a tilted base explains more than any encoder.
     """
 
     found: list[JointDiagnosis]
     runs: Sequence[MeasuredRun]
-    rows: Mapping[str, Sequence[Array]]
+    moved: Mapping[str, Known] = field(default_factory=dict)
+    known: Mapping[str, Known] = field(default_factory=dict)
     tilted: bool = False
 
 
@@ -110,7 +112,7 @@ def in_light(
         request: what was asked for.
         again: diagnoses joints again.
     """
-    light, kept = InLight(list(found), runs, {}), set[str]()
+    light, kept = InLight(list(found), runs), set[str]()
     for _ in found:
         suspects = {d.joint: e for d in light.found if d.joint not in kept and (e := misread(d)) is not None}
         joints = joints_of(light.found, request.search) if suspects else Joints({}, {})
@@ -221,25 +223,28 @@ def _judged(
     others, said = weighed.others(encoder), encoder.said("m" if weighed.robot.slides(encoder.joint) else "rad")
     if weighed.speaks_against(encoder):
         others = _Others(list(light.runs), {}, {})  # it is a matter of its joint
-    asked = {}
-    rows = dict(light.rows)
+    asked: dict[str, Known] = {}
+    moved = dict(light.moved)
     for name, loss in others.losses.items():
         own = slice(T_OWN, T_OWN + T_SIZE)
         more = [a[:, own] - b[:, own] for a, b in zip(others.terms[name], weighed.terms[name], strict=True)]
-        rows[name] = [x + y for x, y in zip(rows[name], more, strict=True)] if name in rows else more
+        moved[name] = moved.get(name, NOTHING_KNOWN).also(more)
         if loss < (1.0 - INDISTINCT_LOSS_SHARE) * weighed.plain[name]:
             sentence = f"'{name}' is judged with the encoder of '{encoder.joint}' as it was found: {said}."
-            asked[name] = rows[name], Finding(MISREAD_CODE, "note", name, None, sentence)
+            note = Finding(MISREAD_CODE, "note", name, None, sentence)
+            asked[name] = Known(moved[name].more, (*light.known.get(name, NOTHING_KNOWN).notes, note))
     if either:
         sentence = (
             f"A base that is tilted would explain all joints as well as the encoder of '{encoder.joint}' does; stand "
             "the robot level with a spirit level, or log it once more with its base turned."
         )
-        asked[encoder.joint] = rows.get(encoder.joint), Finding(EITHER_CODE, "note", encoder.joint, None, sentence)
+        note = Finding(EITHER_CODE, "note", encoder.joint, None, sentence)
+        before = light.known.get(encoder.joint, NOTHING_KNOWN)
+        asked[encoder.joint] = Known(moved.get(encoder.joint, NOTHING_KNOWN).more, (*before.notes, note))
     if asked:
         request.progress(f"judging {', '.join(asked)} in the light of the encoder of {encoder.joint}")
     now = {d.joint: d for d in (again(asked) if asked else ())}
-    return InLight([now.get(d.joint, d) for d in light.found], others.runs, rows)
+    return InLight([now.get(d.joint, d) for d in light.found], others.runs, moved, {**light.known, **asked})
 
 
 def beside_tilt(measured: Measured, findings: Sequence[Finding]) -> Measured:

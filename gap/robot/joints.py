@@ -1,4 +1,4 @@
-"""Joints of a robot as they were searched, and how they are judged once more."""
+"""Joints of a robot as they were searched, and how they are judged with what is known of it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,30 @@ from ..search.settings import SearchSettings
 from ..search.windows import in_windows
 from ..verdict.verdict import JointDiagnosis
 
-Asked = Mapping[str, tuple[Sequence[Array] | None, Finding]]
-"""Joints to be diagnosed again: what is added to their terms in each run, and the finding that says so."""
-Again = Callable[[Asked], Sequence[JointDiagnosis]]
-"""Diagnoses joints again, in their order."""
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of a joint from the others.
+
+    Attributes:
+        more: what is added to the load that the robot's file gives it, in each run (samples, T_SIZE); None: nothing.
+        notes: findings that say so.
+    """
+
+    more: Sequence[Array] | None = None
+    notes: tuple[Finding, ...] = ()
+
+    def also(self, more: Sequence[Array] | None, *notes: Finding) -> Known:
+        """With what else is known of it."""
+        rows = self.more if more is None else more
+        if more is not None and self.more is not None:
+            rows = [a + b for a, b in zip(self.more, more, strict=True)]
+        return Known(rows, (*self.notes, *notes))
+
+
+NOTHING_KNOWN = Known()
+Again = Callable[[Mapping[str, Known]], Sequence[JointDiagnosis]]
+"""Seeks what joints have once more, in their order."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,9 @@
-"""What joints of a robot share, decided on top of their own diagnoses, and their diagnoses in its light."""
+"""What joints of a robot share, from what was found at each of them first, and their diagnoses beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from ..load.robot import Machine
 from ..log.finding import Finding
@@ -16,8 +16,8 @@ from ..search.latency import DELAY, NUMBER
 from ..search.structure import listed, told_in
 from ..verdict.decide import decide
 from ..verdict.verdict import JointDiagnosis, Reason, Replayed
-from .encoders import ENCODERS, in_light
-from .joints import Again, joints_of
+from .encoders import ENCODERS, InLight, in_light
+from .joints import NOTHING_KNOWN, Again, Known, joints_of
 from .search import SharedFound, affected, search_shared
 from .together import headed, split
 
@@ -26,32 +26,55 @@ SHARED = "robot.shared"
 """Code of the finding that says with what of the whole robot a joint is judged."""
 
 
-def with_robot(
-    machine: Machine,
-    found: Sequence[JointDiagnosis],
-    request: Request,
-    again: Again,
-) -> list[JointDiagnosis]:
-    """Diagnoses of the joints with one of the robot behind them, where they share a cause; else as they are.
+@dataclass(frozen=True, eq=False)
+class OfRobot:
+    """What was found of a robot, before its joints are diagnosed with it.
+
+    Attributes:
+        known: how each joint is to be diagnosed.
+        before: of the joints that carry what was found, what they were without it.
+        said: what was found, in words.
+        shares: of its causes in the gap of the robot, by name.
+        robot: its own diagnosis; None where nothing is named.
+    """
+
+    known: Mapping[str, Known]
+    before: Mapping[str, JointDiagnosis] = field(default_factory=dict)
+    said: str = ""
+    shares: Mapping[str, float] = field(default_factory=dict)
+    robot: JointDiagnosis | None = None
+
+    def beside(self, found: Sequence[JointDiagnosis], request: Request) -> list[JointDiagnosis]:
+        """Diagnoses of joints that were made with it, beside what was found of the robot."""
+        judged = [
+            headed(beside_before(one, self.before[one.joint], self.said, self.shares), request.latency)
+            if one.joint in self.before
+            else one
+            for one in found
+        ]
+        return judged if self.robot is None else [*judged, self.robot]
+
+
+def of_robot(machine: Machine, found: Sequence[JointDiagnosis], request: Request, again: Again) -> OfRobot:
+    """What joints of a robot share, from what was found at each of them first.
 
     Args:
         machine: that was logged, of a robot with a file.
-        found: about each joint.
+        found: first, about each joint.
         request: what was asked for.
-        again: diagnoses joints again.
+        again: seeks the same once more, with what is known of the joints.
     """
     robot = machine.robot
     assert robot is not None
     light = in_light(robot, machine, found, request, again)
-    found, runs = light.found, light.runs
-    joints = joints_of(found, request.search)
-    named = {d.joint: [cause.name for cause in d.causes] for d in found}
-    noticed = {d.joint: d.structure is not None and d.structure.noticed for d in found}
+    joints = joints_of(light.found, request.search)
+    named = {d.joint: [cause.name for cause in d.causes] for d in light.found}
+    noticed = {d.joint: d.structure is not None and d.structure.noticed for d in light.found}
     if not (light.tilted or affected(named, noticed)):
-        return list(found)
+        return OfRobot(light.known)
     sought = search_shared(
         robot,
-        runs,
+        light.runs,
         joints.problems,
         searches=joints.searches,
         seed=request.seed,
@@ -62,38 +85,33 @@ def with_robot(
         apart=ENCODERS if light.tilted else (),
     )
     if sought is None or not sought.search.accepted:
-        return list(found)
+        return OfRobot(light.known)
     names = listed([candidate.cause.key for candidate in sought.search.accepted])
     if not sought.widespread():
-        return _not_named(found, f"{names} would lower the error by a tenth at fewer than two joints", request)
+        return _not_named(light, f"{names} would lower the error by a tenth at fewer than two joints", request)
     request.progress("measuring what joints share on runs that nothing has seen")
     measured = measure(Replay(sought.problem, sought.problem), sought.search, ROBOT, request.seed)
     values = {number: value for number, value in measured.values.items() if number in sought.rows}
     surest = max((of_any(cause, sought) for cause in measured.causes), default=0.0)
     if surest < THRESHOLDS.sure:  # what joints say stands
-        return _not_named(found, f"{names} would have a confidence of {surest:.0%}", request)
+        return _not_named(light, f"{names} would have a confidence of {surest:.0%}", request)
     units = {number: sought.problem.models[0].units[number] for number in values}
     said = ", ".join(
         f"{number} {x:.3g}{'' if units[number] == '1' else ' ' + units[number]}" for number, x in values.items()
     )
-    asked = {}
-    for diagnosis in found:
-        joint = diagnosis.joint
-        if (more := sought.more(joint, values)) is not None:
-            if joint in light.rows:
-                more = [a + b for a, b in zip(more, light.rows[joint], strict=True)]
-            sentence = f"'{joint}' is judged with what was found of the whole robot: {said}."
-            asked[joint] = more, Finding(SHARED, "note", joint, None, sentence)
-    if asked:
-        request.progress(f"judging {', '.join(asked)} with what the robot was found to have")
-    now = {diagnosis.joint: diagnosis for diagnosis in again(asked)} if asked else {}
+    before, known = {}, dict(light.known)
+    for one in light.found:
+        if (more := sought.more(one.joint, values)) is not None:
+            sentence = f"'{one.joint}' is judged with what was found of the whole robot: {said}."
+            note = Finding(SHARED, "note", one.joint, None, sentence)
+            moved = light.moved.get(one.joint, NOTHING_KNOWN).also(more)
+            known[one.joint] = Known(moved.more, (*known.get(one.joint, NOTHING_KNOWN).notes, note))
+            before[one.joint] = one
+    if before:
+        request.progress(f"judging {', '.join(before)} with what the robot was found to have")
     measured = sought.by_effect(measured, "" if request.latency is None else NUMBER, DELAY)
-    robots = {cause.name: cause.share for cause in measured.causes}
-    judged = [
-        headed(beside_before(now[one.joint], one, said, robots), request.latency) if one.joint in now else one
-        for one in found
-    ]
-    return [*judged, _of_robot(sought, measured, values)]
+    shares = {cause.name: cause.share for cause in measured.causes}
+    return OfRobot(known, before, said, shares, _diagnosis(sought, measured, values))
 
 
 def of_any(cause: NamedCause, sought: SharedFound) -> float:
@@ -102,13 +120,18 @@ def of_any(cause: NamedCause, sought: SharedFound) -> float:
     return min(cause.confidence / max(wins), 1.0) if any(wins) else cause.confidence
 
 
-def _not_named(found: Sequence[JointDiagnosis], why: str, request: Request) -> list[JointDiagnosis]:
-    """The diagnoses as they are, each with a note of what was sought of the whole robot, and is not named."""
+def _not_named(light: InLight, why: str, request: Request) -> OfRobot:
+    """Nothing of the robot, and a note for each joint of what was sought of it, and is not named."""
     sentence = f"Nothing is said of the whole robot: {why}. What was found of each joint stands."
     request.progress(sentence)
-    return [
-        one.changed(findings=(*one.findings, Finding(NOT_NAMED, "note", one.joint, None, sentence))) for one in found
-    ]
+    return OfRobot(noted(light.known, light.found, Finding(NOT_NAMED, "note", None, None, sentence)))
+
+
+def noted(known: Mapping[str, Known], found: Sequence[JointDiagnosis], finding: Finding) -> dict[str, Known]:
+    """What is known of joints, with a finding that each of them has as its own."""
+    return {
+        one.joint: known.get(one.joint, NOTHING_KNOWN).also(None, replace(finding, joint=one.joint)) for one in found
+    }
 
 
 def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str, robot: Mapping[str, float]) -> JointDiagnosis:
@@ -140,7 +163,7 @@ def beside_before(now: JointDiagnosis, before: JointDiagnosis, said: str, robot:
     return split(found, before.problem, robot)
 
 
-def _of_robot(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:
+def _diagnosis(sought: SharedFound, measured: Measured, values: dict[str, float]) -> JointDiagnosis:
     """What is said of the robot."""
     case = Case(ROBOT, signal=f"{ROBOT}.position", unit=sought.problem.signal[1])
     shared = replace(measured, values=values, simulated={}, tuned={})

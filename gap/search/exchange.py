@@ -44,7 +44,7 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     fitted, at = [own], [k for k, step in enumerate(found.rounds) if step.accepted][place]
     if not decide.finished(begin, searcher.settings):
         shown = searcher.open_causes(found.accepted, replaced=True)  # what stood here is a rival still
-        tried = _tried(searcher, shown, others, without, found.rounds[at].candidates)
+        tried = likeliest(searcher, shown, others, without, found.rounds[at].candidates)
         fitted += searcher.fitted(tried, others, without, begin, instead=own)
         fitted += _known(searcher, found.rounds[at].candidates, others, fitted)
         own = fitted[0] = _from_the_best(searcher, own, others, fitted)
@@ -67,14 +67,22 @@ def _asked(searcher: Rounds, found: Found, place: int) -> bool:
     return True
 
 
-def _tried(
+def likeliest(
     searcher: Rounds,
     shown: Sequence[Cause],
     others: Sequence[Candidate],
     without: Judged,
-    rivals: Sequence[Candidate],
+    rivals: Sequence[Candidate] = (),
 ) -> list[tuple[Cause, Variant]]:
-    """What the screen puts first in a place, and what was fitted there before."""
+    """What the screen puts first in a place, and what was fitted there before.
+
+    Args:
+        searcher: of the joint.
+        shown: causes to choose from.
+        others: causes of the model that has nothing in the place.
+        without: this model.
+        rivals: what was fitted in the place before.
+    """
     here = middle(*without.fits)
     searcher.sketch_anew(searcher.parameters(others), here)
     screened = screen(searcher.sketch, shown, searcher.parameters(others), here, searcher.settings)

@@ -24,12 +24,13 @@ NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 class Searcher(Rounds):
     """A search in progress over one problem; :class:`.rounds.Rounds` has its attributes."""
 
-    def run(self, usual: Subset | None = None, *, single: bool = False) -> Search:
+    def run(self, usual: Subset | None = None, *, single: bool = False, asked: bool = True) -> Search:
         """Search until no further cause pays, or until numbers fail it: what was found until then is kept.
 
         Args:
             usual: causes that it begins with, in place of none.
             single: end with the first cause.
+            asked: whether others are sought in the places of what was found.
         """
         self.progress("tuning the nominal model")
         base = self.judged(self.fit_both(self.tuned, self.start))
@@ -42,7 +43,7 @@ class Searcher(Rounds):
                 self.step(found)
             else:
                 self.forward(found)
-            while not (led or single) and (exchanged(self, found) or paired(self, found)):
+            while asked and not (led or single) and (exchanged(self, found) or paired(self, found)):
                 self.forward(found)
         except NUMERICAL as error:
             fault = f"the search for a further cause failed numerically ({type(error).__name__}: {error})"

@@ -12,13 +12,12 @@ from ..replay.comparison import robust_weight
 from ..replay.parameters import Parameter
 from ..replay.problem import Problem, periods_of
 from .alike import inertia_room
+from .axes import UNLIKELY, along_axes
 from .bounded import FLAT, nearest_within, root_of, solved
 from .delays import at_samples
 from .fit import Fit
 from .stamps import moved_by_late_columns, over_a_step, seconds_of
 from .torque_gauge import is_torque, room
-
-UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
 
 
 def intervals(
@@ -109,7 +108,7 @@ class Linearised:
 
 
 def linearised(problem: Problem, parameters: Sequence[Parameter], found: Fit) -> Linearised:
-    """How the residual of a fit changes with its parameters, by finite differences."""
+    """How the residual of a fit changes with its parameters, by finite differences along the axes of its curvature."""
     u = np.array([p.to_fit(found.values[p.path]) for p in parameters])
     low = np.array([p.to_fit(p.low) for p in parameters])
     high = np.array([p.to_fit(p.high) for p in parameters])
@@ -118,13 +117,17 @@ def linearised(problem: Problem, parameters: Sequence[Parameter], found: Fit) ->
         np.minimum(u[None] + reach, high),
         np.maximum(u[None] - reach, low),
     )
-    rows = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in np.concatenate([up, down])]
-    errors = problem.residual(problem.simulate(rows))
+
+    def errors(rows: np.ndarray) -> np.ndarray:
+        values = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in rows]
+        return problem.residual(problem.simulate(values))
+
+    sides = errors(np.concatenate([up, down]))
     spans = np.maximum(np.diag(up) - np.diag(down), 1e-9)
-    jacobian = ((errors[: len(u)] - errors[len(u) :]) / spans[:, None]).T
     residual = problem.residual(found.simulated[None])[0]
     block, sizes = problem.blocks()
     weight = robust_weight(residual)
+    jacobian = along_axes(errors, u, (low, high), (sides[: len(u)] - sides[len(u) :]) / spans[:, None], weight).T
     scores = np.stack([np.bincount(block, slope, len(sizes)) for slope in (jacobian.T * residual * weight)], axis=1)
     weighted = jacobian * weight[:, None]
     curvature = weighted.T @ jacobian

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from . import decide
+from .exchange import likeliest
 from .fit import middle
 from .record import TOGETHER, Evidence, RoundRecord, Step
 from .result import Candidate, Round
@@ -100,7 +101,9 @@ def _beside(searcher: Rounds, found: Found, place: int, first: Candidate) -> Pai
     if TOGETHER in first.cause.key or decide.finished(begin, settings):
         return None
     searcher.progress(f"asking whether {first.cause.key} with another does as well in the place of {own.cause.key}")
-    fitted, _ = searcher.fit_round([*others, first], searcher.of(first), begin, instead=own, most=1)
+    model, current = [*others, first], searcher.of(first)
+    tried = likeliest(searcher, searcher.open_causes([*model, own]), model, current)
+    fitted = searcher.fitted(tried, model, current, begin, instead=own, most=1)
     second = min(fitted, key=lambda one: float(one.blocks.sum()), default=None)
     if second is None:
         return None

@@ -177,8 +177,6 @@ class Rounds:
         accepted: Sequence[Candidate],
         current: Judged,
         left: float,
-        instead: Candidate | None = None,
-        most: int | None = None,
     ) -> tuple[list[Candidate], float]:
         """Fitted variants of a round in the order of their rough costs, and what the screen promised.
 
@@ -186,13 +184,11 @@ class Rounds:
             accepted: causes of the model.
             current: the model.
             left: its loss per value beyond that of the noise.
-            instead: a cause in whose place one of the model's and one of the round are tried together.
-            most: causes that are fitted to convergence; default: as the settings say.
         """
         extended = self.parameters(accepted)
         here = middle(*current.fits)
         self.sketch_anew(extended, here)
-        shown = self.open_causes([*accepted, *([] if instead is None else [instead])])
+        shown = self.open_causes(accepted)
         if leaders := [c for c in shown if c.key in self.led]:
             shown = leaders
         else:
@@ -201,9 +197,8 @@ class Rounds:
         if not self.look_on and not decide.promising(left, screened.promise, self.settings):
             return [], screened.promise
         chosen = to_try(screened.chosen, shown, self.numbers, blind=left > self.settings.far)
-        found = self.fitted(chosen, accepted, current, left, instead, most)
-        parted = [] if instead is not None else self.parted(chosen, accepted, current, left)
-        return [*found, *parted], screened.promise
+        found = self.fitted(chosen, accepted, current, left)
+        return [*found, *self.parted(chosen, accepted, current, left)], screened.promise
 
     def parted(
         self, chosen: Sequence[tuple[Cause, Variant]], accepted: Sequence[Candidate], current: Judged, left: float

@@ -24,6 +24,24 @@ def seek(searcher: Searcher) -> Search:
     return with_changed_numbers(searcher, search_led(searcher, _ways))
 
 
+def begun(searcher: Searcher) -> Search:
+    """What is found of a joint beginning with its usual causes, in the place of none of which another is sought.
+
+    It says enough of a joint for what others share with it, and takes a part of the time.
+    """
+    return searcher.run(_usual(searcher), asked=False)
+
+
+def _usual(searcher: Searcher) -> Subset | None:
+    """The usual causes that the log needs, where they are several."""
+    try:
+        usual = usual_causes(searcher)
+    except NUMERICAL as error:
+        searcher.progress(f"the fit of all usual causes failed numerically ({type(error).__name__}: {error})")
+        return None
+    return None if usual is None or len(usual.forms) < SEVERAL else usual
+
+
 def _ways(searcher: Searcher) -> tuple[Search, ...]:
     """What is found within the tolerance of the numbers, and what is taken in the end; one where they are the same."""
     first, usual = from_usual(searcher)
@@ -40,12 +58,8 @@ def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
     Returns:
         With the causes that it began with, if it did.
     """
-    try:
-        usual = usual_causes(searcher)
-    except NUMERICAL as error:
-        searcher.progress(f"the fit of all usual causes failed numerically ({type(error).__name__}: {error})")
-        usual = None
-    if usual is None or len(usual.forms) < SEVERAL:
+    usual = _usual(searcher)
+    if usual is None:
         return searcher.run(), None
     found = searcher.run(usual)
     explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess

@@ -100,10 +100,10 @@ class SearchSettings:
     sketched_iterations: int = threshold(
         6, "The same to data of a log that is sketched, where the fit starts near the optimum."
     )
-    coarse_step: float = threshold(2.0, "Factor on the largest step for play and switching firmware during the search.")
-    coarse_robot_step: float = threshold(
-        10.0,
-        "The same for a joint of a robot whose replay converges at the longest step of benches, or a longer one.",
+    coarse_step: float = threshold(
+        4.0,
+        "Largest factor on the steps of play and switching firmware during the search. It is halved as long as a "
+        "replay with play changes by more than a tenth of the noise as its steps are halved.",
     )
     most_causes: int = threshold(6, "Causes after which the search ends.")
     least_temperature_range: float = threshold(

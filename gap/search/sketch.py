@@ -9,10 +9,11 @@ from typing import TypeVar, cast
 
 import numpy as np
 
+from ..causes.catalogue import ENTRIES
 from ..log.parts import FIT_A, FIT_B, WARM_UP
-from ..replay.comparison import robust_loss
+from ..replay.comparison import rms, robust_loss
 from ..replay.parameters import Parameter
-from ..replay.problem import STEPS, JointProblem, Problem
+from ..replay.problem import UNNOTICED, JointProblem, Problem
 from .fit import Fit, fit
 from .settings import SearchSettings
 from .several import Several
@@ -22,6 +23,7 @@ WRONG = 1.0 / 3.0  # of what is kept: pieces that a model is most wrong about, b
 PIECE = 5.0  # [s] into which runs are cut that are longer than all that is kept
 SKETCHED = -1  # label of the pieces that are kept
 DROPPED = -2  # and of those that are not, where the others keep theirs
+PLAY = "transmission.backlash"
 
 AnyProblem = TypeVar("AnyProblem", bound=Problem)
 
@@ -136,14 +138,21 @@ def _wrong(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
 def coarsened(problem: AnyProblem, settings: SearchSettings) -> AnyProblem:
     """The problem with the longer steps of play and switches that a search replays.
 
-    Where the replay of a robot's joint converges at the longest step of benches or above, its motion is slow or its log
-    coarse, and what switches needs no finer one either.
+    How long they may be is seen from a replay with play, at whose steps all that switches is replayed.
     """
     if isinstance(problem, Several):
         return cast(AnyProblem, problem.each(lambda joint: coarsened(joint, settings)))
-    of_robot = problem.joint is not None and problem.joint.terms is not None
-    slow = of_robot and problem.step >= STEPS[0]
-    return problem.with_step_factor(settings.coarse_robot_step if slow else settings.coarse_step)
+    factor, play = settings.coarse_step, ENTRIES[PLAY]
+    if problem.joint is None or not play.applies(problem.joint.models[0]):
+        return problem.with_step_factor(factor)
+    joint, values = problem.joint, [{p.path: p.start for p in play.cause(problem.joint.models[0]).variants[0]}]
+    replay = joint.with_step_factor(factor).simulate(values)[0]
+    while factor > 1.0:
+        finer = joint.with_step_factor(0.5 * factor).simulate(values)[0]
+        if rms(joint.position_error(replay) - joint.position_error(finer)) < UNNOTICED * joint.noise:
+            break
+        factor, replay = 0.5 * factor, finer
+    return problem.with_step_factor(factor)
 
 
 def _judged(problem: Problem) -> list[tuple[int, int]]:

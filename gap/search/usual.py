@@ -17,10 +17,10 @@ from .look import LOOKED_FOR, looked
 from .record import RoundRecord, Step
 from .result import Round
 from .rounds import Rounds
+from .sketch import PLAY
 from .state import Found
 from .subsets import Choice, Forms, Subset, best_subset, forms_of, neutral
 
-PLAY = "transmission.backlash"
 USUAL = (
     *LOOKED_FOR,
     "drive.resistance",

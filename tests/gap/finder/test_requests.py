@@ -35,7 +35,7 @@ from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.robot import judged as shared
-from sealegs.gap.robot.judged import with_robot
+from sealegs.gap.robot.judged import of_robot
 from sealegs.gap.search.journal import keeping
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.search.structure import Structure
@@ -68,14 +68,15 @@ def test_a_joint_search_that_fails_is_a_finding_and_leaves_its_traceback(
     """It reached the progress line alone, and the report said nothing."""
     data = MeasuredSet((two_link_run(tmp_path, 2.0),), "arm")
     monkeypatch.setattr(way, "diagnose_joint", not_diagnosed)
-    monkeypatch.setattr(way, "with_robot", raising(np.linalg.LinAlgError("Singular matrix")))
+    monkeypatch.setattr(way, "begun", raising(np.linalg.LinAlgError("no start")))
+    monkeypatch.setattr(way, "of_robot", raising(np.linalg.LinAlgError("Singular matrix")))
     found = way.diagnose(data)
     assert [joint.joint for joint in found] == ["shoulder", "elbow"]
     for joint in found:
         (fault,) = (finding for finding in joint.findings if finding.code == "search.fault")
         assert "Singular matrix" in fault.sentence
     assert caplog.records[-1].exc_info is not None
-    monkeypatch.setattr(way, "with_robot", raising(SealegsError("correct the sidecar.")))
+    monkeypatch.setattr(way, "of_robot", raising(SealegsError("correct the sidecar.")))
     with pytest.raises(SealegsError, match="correct the sidecar"):  # which a person can mend
         way.diagnose(data)
 
@@ -141,7 +142,8 @@ def test_what_joints_share_has_rivals_and_rounds(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(shared, "search_shared", sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
     request = Request(search=replace(DEFAULT, least_gain=0.5), look_on=True)
-    *_, found = with_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], request, raising(KeyError("none")))
+    found = of_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], request, raising(KeyError("none"))).robot
+    assert found is not None
     assert found.joint == ROBOT and found.search is search
     assert found.rivals == ({"of": "load.mass", "names": ["load.mass", "load.inertia"], "confidence": 0.95},)
     assert request.search in asked and True in asked
@@ -163,8 +165,9 @@ def test_what_joints_do_not_share_after_all_is_told(
     monkeypatch.setattr(shared, "affected", lambda named, noticed: True)
     monkeypatch.setattr(shared, "search_shared", lambda *given, **named: sought)
     monkeypatch.setattr(shared, "measure", lambda *given: measured)
-    (elbow,) = with_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], Request(), raising(KeyError("none")))
-    (note,) = [finding.sentence for finding in elbow.findings if finding.code == "robot.not_shared"]
+    found = of_robot(Machine.of([run]), [not_diagnosed([run], "elbow")], Request(), raising(KeyError("none")))
+    (note,) = [finding.sentence for finding in found.known["elbow"].notes if finding.code == "robot.not_shared"]
+    assert found.robot is None
     assert "load.centre_of_mass" in note and why in note
 
 

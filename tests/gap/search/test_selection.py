@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +29,7 @@ from sealegs.gap.search.record import RoundRecord, SearchRecord, Step
 from sealegs.gap.search.refit import refit
 from sealegs.gap.search.result import Candidate, Round
 from sealegs.gap.search.settings import DEFAULT, SearchSettings
+from sealegs.gap.search.sketch import coarsened
 from sealegs.gap.search.state import Found, Judged
 
 from testbed import hidden_bench
@@ -204,6 +206,13 @@ def test_causes_are_sought_with_longer_steps_of_teeth_and_switches_alone() -> No
     assert not np.array_equal(coarse, fine)
     assert np.sqrt(np.mean((coarse - fine)[:, 0] ** 2)) < 5.0 * NOISE_FLOOR
     assert np.array_equal(sought.simulate([{}]), problem.simulate([{}]))
+
+
+def test_steps_of_teeth_are_as_long_as_the_noise_of_the_log_lets_them() -> None:
+    """Robots had a rule of their own, and benches with a noise of ticks the steps that a fine encoder asks for."""
+    fine = bench("friction.coulomb").part(FIT_A, FIT_B)
+    rough = replace(fine, weight=fine.weight / 30.0)
+    assert coarsened(fine, DEFAULT).coarse < coarsened(rough, DEFAULT).coarse == DEFAULT.coarse_step
 
 
 NUMBER = Parameter("friction.coulomb", "N.m", 0.0, 10.0, 0.0, 0.1)

@@ -26,7 +26,7 @@ from sealegs.gap.search.record import Evidence
 from sealegs.gap.search.result import Candidate, Round, Search
 from sealegs.gap.search.screen import screen
 from sealegs.gap.search.settings import DEFAULT
-from sealegs.gap.search.sketch import coarsened, sketch, spread
+from sealegs.gap.search.sketch import sketch, spread
 from sealegs.gap.search.windows import SHORTEST, WINDOW, in_windows, split
 from sealegs.gap.verdict.verdict import EXPLAINED
 
@@ -410,27 +410,3 @@ class Judged:
 
     def blocks(self) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(3, int), np.array([3])
-
-
-@dataclass(frozen=True, eq=False)
-class Stepped:
-    """A joint's problem as far as its steps go."""
-
-    step: float
-    terms: np.ndarray | None
-
-    @property
-    def joint(self) -> Stepped:
-        return self
-
-    def with_step_factor(self, factor: float) -> float:
-        return factor
-
-
-@pytest.mark.parametrize(("step", "longer"), [(5e-3, True), (2.5e-3, True), (1.7e-3, False)])
-def test_joints_of_robots_that_converge_at_long_steps_are_searched_with_longer_ones(step: float, longer: bool) -> None:
-    """A gripper that missed the longest step by a hair was searched four times as long."""
-    robot: Any = Stepped(step, np.zeros((1, 1)))
-    bench: Any = Stepped(step, None)
-    assert coarsened(robot, DEFAULT) == (DEFAULT.coarse_robot_step if longer else DEFAULT.coarse_step)
-    assert coarsened(bench, DEFAULT) == DEFAULT.coarse_step
