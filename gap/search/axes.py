@@ -2,8 +2,8 @@
 
 Differences of one parameter at a time ripple: a joint slips a step earlier, a stop is met a step later. Along a valley,
 where a weaker motor does what more friction does, large changes of each cancel, and what is left of them is ripple,
-which looks like curvature: a resistance seemed known to 2 % that was open by 6. So the axes of the curvature are
-followed by themselves, as far as the data let each go, until they are as flat as they look.
+which looks like curvature: a resistance seemed known to 0.7 % that was open by 6. So the axes along which the data let
+parameters go further than these differences are followed by themselves, until they are as flat as they look.
 """
 
 from __future__ import annotations
@@ -17,14 +17,19 @@ from .bounded import FLAT
 Errors = Callable[[np.ndarray], np.ndarray]
 """Weighted residuals (v, m) at points (v, p)."""
 UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile of chi square with one degree of freedom
+FOLLOWED = 4.0 * UNLIKELY  # rise to which an axis is followed: twice as far as an interval reaches
 ROUNDS = 8
-SETTLED = 0.8  # of the rise that was foreseen along an axis, from which it is as flat as it looks
+SETTLED = 0.8  # of the rise that was foreseen along an axis, or less of its inverse: it is as flat as it looks
 ROOM = 0.3  # of an axis within the bounds, both ways together, from which it is followed
-ASTRAY = 100.0  # times the rise that was foreseen, from which a replay went elsewhere
 
 
 def along_axes(
-    errors: Errors, at: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], jacobian: np.ndarray, weight: np.ndarray
+    errors: Errors,
+    at: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    reach: np.ndarray,
+    jacobian: np.ndarray,
+    weight: np.ndarray,
 ) -> np.ndarray:
     """A Jacobian (p, m) whose weak directions were each followed by itself.
 
@@ -32,6 +37,7 @@ def along_axes(
         errors: of points.
         at: the point (p,).
         bounds: low and high (p,), (p,).
+        reach: of the differences (p,).
         jacobian: by differences of one parameter at a time (p, m).
         weight: robust weight of each sample (m,).
     """
@@ -39,15 +45,17 @@ def along_axes(
         size, axes = np.linalg.eigh((jacobian * weight) @ jacobian.T)
         if not size[-1] > 0.0:
             return jacobian
-        steps = (axes * np.sqrt(UNLIKELY / np.maximum(size, FLAT * size[-1]))).T
-        ahead, back = (np.array([_room(way * step, at, bounds) for step in steps]) for way in (1.0, -1.0))
-        sides = errors(at + np.concatenate([ahead[:, None] * steps, -back[:, None] * steps]))
-        foreseen = steps @ jacobian
-        seen = (sides[: len(at)] - sides[len(at) :]) / np.maximum(ahead + back, FLAT)[:, None]
-        rise = (seen**2 * weight).sum(axis=1)
-        followed = (ahead + back > ROOM) & (rise < ASTRAY * UNLIKELY)
-        jacobian = np.linalg.solve(steps, np.where(followed[:, None], seen, foreseen))
-        if not (rise[followed] < SETTLED * UNLIKELY).any():
+        steps = (axes * np.sqrt(FOLLOWED / np.maximum(size, FLAT * size[-1]))).T
+        ahead, back = (np.array([_room(way * step, at, bounds) for step in steps])[:, None] for way in (1.0, -1.0))
+        followed = (ahead + back > ROOM)[:, 0] & (np.abs(steps) > reach).any(axis=1)
+        if not followed.any():
+            break
+        sides = errors(at + np.concatenate([(ahead * steps)[followed], (-back * steps)[followed]]))
+        changes = steps @ jacobian
+        changes[followed] = (sides[: followed.sum()] - sides[followed.sum() :]) / (ahead + back)[followed]
+        jacobian = np.linalg.solve(steps, changes)
+        rise = (changes[followed] ** 2 * weight).sum(axis=1) / FOLLOWED
+        if ((rise > SETTLED) & (rise * SETTLED < 1.0)).all():
             break
     return jacobian
 

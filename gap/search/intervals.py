@@ -127,7 +127,8 @@ def linearised(problem: Problem, parameters: Sequence[Parameter], found: Fit) ->
     residual = problem.residual(found.simulated[None])[0]
     block, sizes = problem.blocks()
     weight = robust_weight(residual)
-    jacobian = along_axes(errors, u, (low, high), (sides[: len(u)] - sides[len(u) :]) / spans[:, None], weight).T
+    by_one = (sides[: len(u)] - sides[len(u) :]) / spans[:, None]
+    jacobian = along_axes(errors, u, (low, high), np.diag(reach), by_one, weight).T
     scores = np.stack([np.bincount(block, slope, len(sizes)) for slope in (jacobian.T * residual * weight)], axis=1)
     weighted = jacobian * weight[:, None]
     curvature = weighted.T @ jacobian

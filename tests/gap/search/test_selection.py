@@ -211,8 +211,8 @@ def test_causes_are_sought_with_longer_steps_of_teeth_and_switches_alone() -> No
 def test_steps_of_teeth_are_as_long_as_the_noise_of_the_log_lets_them() -> None:
     """Robots had a rule of their own, and benches with a noise of ticks the steps that a fine encoder asks for."""
     fine = bench("friction.coulomb").part(FIT_A, FIT_B)
-    rough = replace(fine, weight=fine.weight / 30.0)
-    assert coarsened(fine, DEFAULT).coarse < coarsened(rough, DEFAULT).coarse == DEFAULT.coarse_step
+    finer, rough = (replace(fine, weight=fine.weight * factor) for factor in (30.0, 1.0 / 30.0))
+    assert coarsened(finer, DEFAULT).coarse < coarsened(rough, DEFAULT).coarse == DEFAULT.coarse_step
 
 
 NUMBER = Parameter("friction.coulomb", "N.m", 0.0, 10.0, 0.0, 0.1)
