@@ -185,7 +185,7 @@ def _begun(known: Known, machine: Machine, joint: str, findings: Sequence[Findin
         if isinstance(case, NotReplayed) or case.replay is None or not case.replay.of_robot:
             return refuse(joint, Refused(f"'{joint}'", "it is not replayed beside the others", usable=True))
         search = begun(_searcher(case.replay, request))
-        measured, search = measured_within_belief(case.replay, search, joint, request.seed)
+        measured, _ = measured_within_belief(case.replay, search, joint, request.seed)
         case = replace(case, replay=replace(case.replay, along=None))  # no function goes to another process
         return JointDiagnosis(case, Verdict(BEGUN, ""), beside_tilt(measured, case.findings), search)
 
@@ -240,7 +240,7 @@ def diagnose_joint(
     if isinstance(case, NotReplayed):
         return refuse(joint, case.why, case.findings)
     assert case.replay is not None
-    search = seek(_searcher(case.replay, request))
+    search = seek(replace(_searcher(case.replay, request), begun=known.begun))
     request.progress("measuring the gain on runs that nothing has seen")
     return beside_latency(conclude(case, search, request), request.latency)
 

@@ -22,17 +22,19 @@ class Known:
     Attributes:
         more: what is added to the load that the robot's file gives it, in each run (samples, T_SIZE); None: nothing.
         notes: findings that say so.
+        begun: what was found of the joint first; None where it is another with what is known.
     """
 
     more: Sequence[Array] | None = None
     notes: tuple[Finding, ...] = ()
+    begun: Search | None = None
 
     def also(self, more: Sequence[Array] | None, *notes: Finding) -> Known:
         """With what else is known of it."""
         rows = self.more if more is None else more
         if more is not None and self.more is not None:
             rows = [a + b for a, b in zip(self.more, more, strict=True)]
-        return Known(rows, (*self.notes, *notes))
+        return Known(rows, (*self.notes, *notes), self.begun if more is None else None)
 
 
 NOTHING_KNOWN = Known()

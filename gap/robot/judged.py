@@ -67,6 +67,7 @@ def of_robot(machine: Machine, found: Sequence[JointDiagnosis], request: Request
     robot = machine.robot
     assert robot is not None
     light = in_light(robot, machine, found, request, again)
+    light = replace(light, known={one.joint: _going_on(one, light.known) for one in light.found})
     joints = joints_of(light.found, request.search)
     named = {d.joint: [cause.name for cause in d.causes] for d in light.found}
     noticed = {d.joint: d.structure is not None and d.structure.noticed for d in light.found}
@@ -118,6 +119,11 @@ def of_any(cause: NamedCause, sought: SharedFound) -> float:
     """Confidence that the robot has a cause or one of its rivals, all of which are of its bodies or its base."""
     wins = [one.best for one in sought.search.accepted if one.cause.name == cause.name]
     return min(cause.confidence / max(wins), 1.0) if any(wins) else cause.confidence
+
+
+def _going_on(found: JointDiagnosis, known: Mapping[str, Known]) -> Known:
+    """What a joint was found with first, and what was found of it with that."""
+    return replace(known.get(found.joint, NOTHING_KNOWN), begun=found.search)
 
 
 def _not_named(light: InLight, why: str, request: Request) -> OfRobot:

@@ -22,7 +22,13 @@ NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)
 
 @dataclass
 class Searcher(Rounds):
-    """A search in progress over one problem; :class:`.rounds.Rounds` has its attributes."""
+    """A search in progress over one problem; :class:`.rounds.Rounds` has its attributes.
+
+    Attributes:
+        begun: what was found of the problem in whose places no others were sought; None where nothing was.
+    """
+
+    begun: Search | None = None
 
     def run(self, usual: Subset | None = None, *, single: bool = False, asked: bool = True) -> Search:
         """Search until no further cause pays, or until numbers fail it: what was found until then is kept.
@@ -32,16 +38,22 @@ class Searcher(Rounds):
             single: end with the first cause.
             asked: whether others are sought in the places of what was found.
         """
-        self.progress("tuning the nominal model")
-        base = self.judged(self.fit_both(self.tuned, self.start))
-        found, fault = Found(base), ""
+        begun, fault = self.begun, ""
+        if begun is None:
+            self.progress("tuning the nominal model")
+            found = Found(self.judged(self.fit_both(self.tuned, self.start)))
+        else:
+            found = Found(self.judged(begun.base), [*begun.accepted], [*begun.rounds], [*begun.record.steps])
+        base = found.current.fits
         led = bool(self.led)  # what one run of many showed first is little of the loss of all of them
         try:
-            if usual is not None:
+            if begun is not None:
+                self.resume(found)
+            elif usual is not None:
                 begin_with(self, found, usual)
             if single:
                 self.step(found)
-            else:
+            elif begun is None:
                 self.forward(found)
             while asked and not (led or single) and (exchanged(self, found) or paired(self, found)):
                 self.forward(found)
@@ -50,9 +62,15 @@ class Searcher(Rounds):
             self.progress(fault)
         return Search(
             self.tuned, accepted=tuple(found.accepted), rounds=tuple(found.rounds),
-            counts=self.counts, base=base.fits, causes=self.considered, settings=self.settings,
-            record=SearchRecord(self.seed, tuple(found.steps)), fault=fault,
+            counts=self.counts, base=base, causes=self.considered, settings=self.settings,
+            record=SearchRecord(self.seed, tuple(found.steps)), fault=fault, usual=usual,
         )  # fmt: skip
+
+    def resume(self, found: Found) -> None:
+        """Take up what was found where its last cause was accepted."""
+        last = next((step for step in reversed(found.steps) if step.winner), None)
+        if last is not None:
+            found.put(self.of(found.accepted[-1]), "" if last.round.led else str(last.winner))
 
     def forward(self, found: Found) -> None:
         """Add one cause after the other, until none pays."""

@@ -43,7 +43,9 @@ def search_led(searcher: Searcher, find: Callable[[Searcher], Sequence[Search]])
     if run is None:
         return find(searcher)[-1]
     searcher.progress("one run is far faster than the others: seeking in it alone")
-    leads = [lead for lead in find(replace(searcher, problem=of_run(searcher.problem, run))) if lead.accepted]
+    leads = [
+        lead for lead in find(replace(searcher, problem=of_run(searcher.problem, run), begun=None)) if lead.accepted
+    ]
     if not leads:
         return find(searcher)[-1]
     searcher.progress("seeking what was found there in all runs")

@@ -12,6 +12,7 @@ from ..replay.parameters import Parameter
 from .fit import Fit, merge
 from .record import Evidence, SearchRecord
 from .settings import DEFAULT, SearchSettings
+from .subsets import Subset
 
 NOTHING = SearchRecord(0, ())
 
@@ -86,6 +87,7 @@ class Search:
         led: by the key of each cause that one run of many showed first, the loss per value that it removes there
             (:mod:`sealegs.gap.search.led`).
         leader: number of that run.
+        usual: causes that it began with; None where it began with nothing.
     """
 
     tuned: tuple[Parameter, ...]
@@ -100,6 +102,7 @@ class Search:
     loose: bool = False
     led: Mapping[str, float] = field(default_factory=dict)
     leader: int | None = None
+    usual: Subset | None = None
 
     @property
     def fits(self) -> tuple[Fit, Fit]:

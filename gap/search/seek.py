@@ -58,10 +58,10 @@ def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
     Returns:
         With the causes that it began with, if it did.
     """
-    usual = _usual(searcher)
+    usual = _usual(searcher) if searcher.begun is None else searcher.begun.usual
+    found, searcher = searcher.run(usual), replace(searcher, begun=None)
     if usual is None:
-        return searcher.run(), None
-    found = searcher.run(usual)
+        return found, None
     explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess
     other = replace(searcher).run(single=explained)
     if not (found.accepted and other.accepted):
