@@ -59,9 +59,10 @@ def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
         With the causes that it began with, if it did.
     """
     usual = _usual(searcher) if searcher.begun is None else searcher.begun.usual
-    found, searcher = searcher.run(usual), replace(searcher, begun=None)
+    found = searcher.run(usual)
     if usual is None:
         return found, None
+    searcher = replace(searcher, begun=None)
     explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess
     other = replace(searcher).run(single=explained)
     if not (found.accepted and other.accepted):

@@ -327,7 +327,9 @@ def test_a_search_begins_with_usual_causes_and_with_nothing_and_the_better_stand
             asked.extend([single] if usual is None else [])
             return other if usual is None else begun
 
-    searcher: Any = Asked(settings=DEFAULT, progress=lambda text: None, counts=COUNTS, excess=lambda fits: left)
+    searcher: Any = Asked(
+        settings=DEFAULT, progress=lambda text: None, counts=COUNTS, excess=lambda fits: left, begun=None
+    )
     found, usual = from_usual(searcher)
     assert (found is begun, usual is not None) == (begun_wins, begun_wins)
     # what one cause explains as well is searched to its end
@@ -359,7 +361,7 @@ def test_a_search_begins_with_nothing_where_the_fit_of_all_usual_causes_fails(mo
 
     monkeypatch.setattr(seek, "usual_causes", fails)
     said: list[str] = []
-    searcher: Any = SimpleNamespace(progress=said.append, run=lambda: "from nothing")
+    searcher: Any = SimpleNamespace(progress=said.append, begun=None, run=lambda usual: "from nothing")
     assert from_usual(searcher) == ("from nothing", None)
     assert "singular" in said[-1]
 

@@ -170,7 +170,7 @@ def test_what_was_found_before_numbers_fail_is_kept(monkeypatch: pytest.MonkeyPa
 def test_a_bug_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     """It became `not identifiable`, and `please report it`."""
 
-    def fails(self: Searcher) -> Any:
+    def fails(self: Searcher, usual: object) -> Any:
         raise KeyError("elbow")
 
     monkeypatch.setattr(Searcher, "run", fails)
@@ -180,7 +180,7 @@ def test_a_bug_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_numbers_that_fail_end_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(self: Searcher) -> Any:
+    def fails(self: Searcher, usual: object) -> Any:
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr(Searcher, "run", fails)

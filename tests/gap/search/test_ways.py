@@ -99,6 +99,7 @@ class Sought:
 
     problem: FreeProblem
     led: tuple[str, ...] = ()
+    begun: Search | None = None
 
     @property
     def both(self) -> FreeProblem:
