@@ -128,11 +128,12 @@ def diagnose(
             shared = _of_robot(machine, joints, findings, request, workers)
     tasks = {joint: partial(_whatever_happens, shared.known.get(joint, NOTHING_KNOWN)) for joint in joints}
     found = side_by_side(tasks, machine, findings, request, workers, done, errors)
+    whole = len(found) == len(joints)  # the ground under them needs all of them
     found = shared.beside(found, request)
     for joint in found:
         if joint.joint in shared.before or joint is shared.robot:
             done(joint)
-    if only is None and len(found) >= len(joints) and on_ground(machine):  # it needs all of them
+    if only is None and whole and on_ground(machine):
         with apart("the ground", errors):
             found.append(_kept(GROUND, "the ground", (), request, lambda: _diagnose_ground(machine, found, request)))
             done(found[-1])
@@ -181,8 +182,8 @@ def _begun(known: Known, machine: Machine, joint: str, findings: Sequence[Findin
     """What is found of a joint first, for what others share with it: its usual causes, and nothing is said of them."""
 
     def begin() -> JointDiagnosis:
-        case = _case(machine, joint, findings, request, known)
-        if isinstance(case, NotReplayed) or case.replay is None or not case.replay.of_robot:
+        case = _case(machine, joint, findings, request, known) if _is_commanded(machine, joint) else None
+        if not isinstance(case, Case) or case.replay is None or not case.replay.of_robot:
             return refuse(joint, Refused(f"'{joint}'", "it is not replayed beside the others", usable=True))
         search = begun(_searcher(case.replay, request))
         measured, _ = measured_within_belief(case.replay, search, joint, request.seed)
