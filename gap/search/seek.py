@@ -27,9 +27,11 @@ def seek(searcher: Searcher) -> Search:
 def begun(searcher: Searcher) -> Search:
     """What is found of a joint beginning with its usual causes, in the place of none of which another is sought.
 
-    It says enough of a joint for what others share with it, and takes a part of the time.
+    It says enough of a joint for what others share with it, and takes a part of the time. Where a log does not show
+    several of them, causes are added one after the other. Then others are sought in their places, too.
     """
-    return searcher.run(_usual(searcher), asked=False)
+    usual = _usual(searcher)
+    return searcher.run(usual, asked=usual is None)
 
 
 def _usual(searcher: Searcher) -> Subset | None:
@@ -58,10 +60,11 @@ def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
     Returns:
         With the causes that it began with, if it did.
     """
-    usual = _usual(searcher) if searcher.begun is None else searcher.begun.usual
-    found = searcher.run(usual)
+    begun = searcher.begun
+    usual = _usual(searcher) if begun is None else begun.usual
     if usual is None:
-        return found, None
+        return searcher.run(usual) if begun is None else begun, None
+    found = searcher.run(usual)
     searcher = replace(searcher, begun=None)
     explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess
     other = replace(searcher).run(single=explained)
