@@ -143,7 +143,7 @@ class WalkEnv(SingleEnv, task=WalkTask):
     With `cadence` above 0, actions correct a reference gait instead, which needs no learning: feet that are neighbours
     around the body take turns (a quadruped trots, a hexapod walks on tripods, a biped steps). In half of each cycle a
     foot is lifted by `lift` and swings ahead, in the other half it goes back on the ground, as fast as the command asks
-    there, times `forward_stride`, `sideways_stride` and `turn_stride`. It lands and leaves as fast as the ground goes by. The
+    there, times `forward_stride`, `sideways_stride` and `turn_stride`. The
     joints follow by the derivatives of the feet in the stance. At command 0 it stands.
 
     On two feet the base sways over the one that stands: with `sway` 1 by $y / (1 + \omega^2 h / g)$, where the feet are $y$

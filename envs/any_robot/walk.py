@@ -119,12 +119,6 @@ def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
     return tuple(float(f"{item:.2g}") + 0.0 for item in value) if isinstance(value, tuple) else float(f"{value:.2g}")
 
 
-def _swung(share: np.ndarray) -> np.ndarray:
-    """Where a foot is in its stride at a share of its swing (n,): -0.5 to 0.5, at both ends as fast as the ground."""
-    ends = -SWING / (1.0 - SWING) * share * (1.0 - share) * (1.0 - 2.0 * share)
-    return -0.5 + share**2 * (3.0 - 2.0 * share) + ends
-
-
 @dataclass(frozen=True)
 class WalkTask(Commanded):
     """The options of :class:`sealegs.envs.any_robot.env.WalkEnv`."""
@@ -274,8 +268,7 @@ class WalkTask(Commanded):
         """Change of the goals (n, k): each foot in turn is lifted and swings ahead, as the command asks.
 
         Of two feet, one stands where the weight is not. So the base sways over it, as far as a pendulum on the ground
-        must for the ground to press where that foot is. A foot lands and leaves as fast as the ground goes by: one that
-        swings ahead while it still or already carries weight holds the robot back.
+        must for the ground to press where that foot is.
         """
         stance, found, walking = self.stance, 0.0, 0.0
         walk = command * self._strides
@@ -286,7 +279,7 @@ class WalkTask(Commanded):
             spinning = np.abs(command[:, 2]) * RIM * stance.height * float(stance.per_turn[foot].any())
             moving = np.minimum((np.sqrt(along * along + across * across) + spinning) / slow, 1.0)
             swinging = cycle < SWING
-            ahead = np.where(swinging, _swung(cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
+            ahead = np.where(swinging, -0.5 * np.cos(np.pi * cycle / SWING), 0.5 - (cycle - SWING) / (1.0 - SWING))
             up = self.sizes.lift * moving * np.where(swinging, np.sin(np.pi * cycle / SWING), 0.0)
             stride = (1.0 - SWING) / self.sizes.cadence  # [s] on the ground
             for axis, way in enumerate((stride * along * ahead, stride * across * ahead, up)):

@@ -449,10 +449,10 @@ def test_the_quadruped_of_the_collection_feels_its_feet_take_turns_in_its_gait()
     seen += [engine.step(np.zeros((4, 12))).observation for _ in range(150)]
     closed = np.array(seen[50:], float)[..., -4:]
     assert set(np.unique(closed)) == {0.0, 1.0}
-    assert (closed.sum(axis=-1) >= 1.0).mean() > 0.9, "it hardly jumps"
+    assert (closed.sum(axis=-1) >= 1.0).mean() > 0.95, "it does not jump"
     alike = np.corrcoef(closed.reshape(-1, 4).T)
     assert alike[0, 3] > 0.1 and alike[1, 2] > 0.1, "feet across swing together"
-    assert max(alike[0, 1], alike[2, 3]) < -0.2, "and in turn with those beside them"
+    assert alike[0, 1] < -0.2 and alike[2, 3] < -0.5, "and in turn with those beside them"
 
 
 def test_walking_takes_switches_only_where_it_is_asked_for_and_the_robot_has_them(tmp_path: Path) -> None:

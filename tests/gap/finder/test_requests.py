@@ -35,6 +35,7 @@ from sealegs.gap.measure.named import Error, NamedCause
 from sealegs.gap.prepare.columns import chosen
 from sealegs.gap.prepare.request import Request
 from sealegs.gap.robot import judged as shared
+from sealegs.gap.robot.joints import Known
 from sealegs.gap.robot.judged import of_robot
 from sealegs.gap.search.journal import keeping
 from sealegs.gap.search.settings import DEFAULT
@@ -57,8 +58,10 @@ def raising(error: Exception) -> Callable[..., Any]:
 
 
 def not_diagnosed(runs: Any, joint: str, *more: Any) -> JointDiagnosis:
-    del runs, more
-    return refuse(joint, Refused(joint, "it is only a test", usable=True))
+    """A joint that nothing is said of but what is known of it."""
+    del runs
+    notes = [note for one in more if isinstance(one, Known) for note in one.notes]
+    return refuse(joint, Refused(joint, "it is only a test", usable=True), notes)
 
 
 @pytest.mark.long
