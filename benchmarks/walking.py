@@ -138,8 +138,8 @@ def told(found: Mapping[str, Any]) -> str:
         )  # fmt: skip
         parts += [
             "## Policies beside their gait",
-            "Each beside its reference alone, under pushes of up to 0.4 m/s every 2 to 4 s: falls, errors of speed and "
-            "turn. `python -m benchmarks.walking --robots runs/<run>/final ...`",
+            "Each beside its reference alone, both with strides of 1, under pushes of up to 0.4 m/s every 2 to 4 s: "
+            "falls, errors of speed and turn. `python -m benchmarks.walking --robots runs/<run>/final ...`",
             table(("run", "joints", "mass [kg]", "height [m]", "steps", "reference", "policy"), cells),
         ]
     if rates := found.get("rates"):
