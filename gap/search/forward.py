@@ -25,36 +25,37 @@ class Searcher(Rounds):
     """A search in progress over one problem; :class:`.rounds.Rounds` has its attributes.
 
     Attributes:
-        begun: what was found of the problem in whose places no others were sought; None where nothing was.
+        begun: what was found of the problem, from which :func:`.seek.from_usual` goes on; None where nothing was.
     """
 
     begun: Search | None = None
 
-    def run(self, usual: Subset | None = None, *, single: bool = False, asked: bool = True) -> Search:
+    def run(
+        self, usual: Subset | None = None, *, begun: Search | None = None, single: bool = False, asked: bool = True
+    ) -> Search:
         """Search until no further cause pays, or until numbers fail it: what was found until then is kept.
 
         Args:
             usual: causes that it begins with, in place of none.
+            begun: what was found beginning with them, which is taken up: others are still to be sought in its places.
             single: end with the first cause.
             asked: whether others are sought in the places of what was found.
         """
-        begun, fault = self.begun, ""
         if begun is None:
             self.progress("tuning the nominal model")
-            found = Found(self.judged(self.fit_both(self.tuned, self.start)))
-        else:
-            found = Found(self.judged(begun.base), [*begun.accepted], [*begun.rounds], [*begun.record.steps])
-        base = found.current.fits
+        base = self.judged(self.fit_both(self.tuned, self.start) if begun is None else begun.base)
+        found, fault = Found(base), ""
         led = bool(self.led)  # what one run of many showed first is little of the loss of all of them
         try:
             if begun is not None:
-                self.resume(found)
-            elif usual is not None:
-                begin_with(self, found, usual)
-            if single:
-                self.step(found)
-            elif begun is None:
-                self.forward(found)
+                self.resume(found, begun)
+            else:
+                if usual is not None:
+                    begin_with(self, found, usual)
+                if single:
+                    self.step(found)
+                else:
+                    self.forward(found)
             while asked and not (led or single) and (exchanged(self, found) or paired(self, found)):
                 self.forward(found)
         except NUMERICAL as error:
@@ -62,12 +63,13 @@ class Searcher(Rounds):
             self.progress(fault)
         return Search(
             self.tuned, accepted=tuple(found.accepted), rounds=tuple(found.rounds),
-            counts=self.counts, base=base, causes=self.considered, settings=self.settings,
+            counts=self.counts, base=base.fits, causes=self.considered, settings=self.settings,
             record=SearchRecord(self.seed, tuple(found.steps)), fault=fault, usual=usual,
         )  # fmt: skip
 
-    def resume(self, found: Found) -> None:
-        """Take up what was found where its last cause was accepted."""
+    def resume(self, found: Found, begun: Search) -> None:
+        """Take up a search where its last cause was accepted."""
+        found.accepted, found.rounds, found.steps = [*begun.accepted], [*begun.rounds], [*begun.record.steps]
         last = next((step for step in reversed(found.steps) if step.winner), None)
         if last is not None:
             found.put(self.of(found.accepted[-1]), "" if last.round.led else str(last.winner))

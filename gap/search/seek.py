@@ -64,8 +64,7 @@ def from_usual(searcher: Searcher) -> tuple[Search, Subset | None]:
     usual = _usual(searcher) if begun is None else begun.usual
     if usual is None:
         return searcher.run(usual) if begun is None else begun, None
-    found = searcher.run(usual)
-    searcher = replace(searcher, begun=None)
+    found = searcher.run(usual, begun=begun)
     explained = bool(found.accepted) and not searcher.excess(found.fits) > searcher.settings.open_excess
     other = replace(searcher).run(single=explained)
     if not (found.accepted and other.accepted):

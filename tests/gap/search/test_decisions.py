@@ -323,7 +323,7 @@ def test_a_search_begins_with_usual_causes_and_with_nothing_and_the_better_stand
     other: Any = SimpleNamespace(accepted=[1, 2], loss=13010.0, **plain)
 
     class Asked(SimpleNamespace):
-        def run(self, usual: object = None, *, single: bool = False) -> object:
+        def run(self, usual: object = None, *, single: bool = False, **taken_up: object) -> object:
             asked.extend([single] if usual is None else [])
             return other if usual is None else begun
 

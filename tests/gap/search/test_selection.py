@@ -318,3 +318,13 @@ def test_an_inertia_is_on_either_side_of_what_gives_and_one_quantity_where_nothi
     paths = [[parameter.path for parameter in variant] for variant in inertia.parted().variants]
     assert paths == [["load.extra_inertia"], ["dc_motor.armature*"]] and len(inertia.variants) == 1
     assert inertia.at_motor is not None and inertia.is_usual(inertia.at_motor), "neither is another law"
+
+
+def test_only_the_search_of_the_same_problem_takes_up_what_was_begun() -> None:
+    """Beside refitted numbers, and with ties, the causes that were found without were taken for those found so."""
+    problem = bench("friction.coulomb")
+    searcher, (cause,) = Searcher(problem, (), ()), catalogue(problem.models[0], ["friction.coulomb"])
+    begun = replace(searcher, causes=(cause,)).run(asked=False)
+    other = replace(searcher, begun=begun)
+    taken = [[one.cause.key for one in found.accepted] for found in (begun, other.run(), other.run(begun=begun))]
+    assert taken == [["friction.coulomb"], [], ["friction.coulomb"]]
