@@ -68,8 +68,8 @@ class InLight:
     Attributes:
         found: diagnoses.
         runs: with the angles that were, as far as an encoder was found to misread them.
-        moved: by joint, what that adds to its terms in each run (samples, T_SIZE).
-        known: what joints were judged with.
+        moved: by joint, what that adds to its terms, and what is said of it.
+        known: the same of joints as far as they were judged with it.
         tilted: whether a tilted base explains more than any encoder.
     """
 
@@ -231,16 +231,15 @@ def _judged(
         moved[name] = moved.get(name, NOTHING_KNOWN).also(more)
         if loss < (1.0 - INDISTINCT_LOSS_SHARE) * weighed.plain[name]:
             sentence = f"'{name}' is judged with the encoder of '{encoder.joint}' as it was found: {said}."
-            note = Finding(MISREAD_CODE, "note", name, None, sentence)
-            asked[name] = Known(moved[name].more, (*light.known.get(name, NOTHING_KNOWN).notes, note))
+            moved[name] = moved[name].also(None, Finding(MISREAD_CODE, "note", name, None, sentence))
+            asked[name] = moved[name]
     if either:
         sentence = (
             f"A base that is tilted would explain all joints as well as the encoder of '{encoder.joint}' does; stand "
             "the robot level with a spirit level, or log it once more with its base turned."
         )
         note = Finding(EITHER_CODE, "note", encoder.joint, None, sentence)
-        before = light.known.get(encoder.joint, NOTHING_KNOWN)
-        asked[encoder.joint] = Known(moved.get(encoder.joint, NOTHING_KNOWN).more, (*before.notes, note))
+        moved[encoder.joint] = asked[encoder.joint] = moved.get(encoder.joint, NOTHING_KNOWN).also(None, note)
     if asked:
         request.progress(f"judging {', '.join(asked)} in the light of the encoder of {encoder.joint}")
     now = {d.joint: d for d in (again(asked) if asked else ())}

@@ -105,8 +105,7 @@ def of_robot(machine: Machine, found: Sequence[JointDiagnosis], request: Request
         if (more := sought.more(one.joint, values)) is not None:
             sentence = f"'{one.joint}' is judged with what was found of the whole robot: {said}."
             note = Finding(SHARED, "note", one.joint, None, sentence)
-            moved = light.moved.get(one.joint, NOTHING_KNOWN).also(more)
-            known[one.joint] = Known(moved.more, (*known.get(one.joint, NOTHING_KNOWN).notes, note))
+            known[one.joint] = light.moved.get(one.joint, NOTHING_KNOWN).also(more, note)
             before[one.joint] = one
     if before:
         request.progress(f"judging {', '.join(before)} with what the robot was found to have")

@@ -2,8 +2,9 @@
 
 Differences of one parameter at a time ripple: a joint slips a step earlier, a stop is met a step later. Along a valley,
 where a weaker motor does what more friction does, large changes of each cancel, and what is left of them is ripple,
-which looks like curvature: a resistance seemed known to 0.7 % that was open by 6. So the axes along which the data let
-parameters go further than these differences are followed by themselves, until they are as flat as they look.
+which looks like curvature: a resistance seemed known to 0.7 % that was open by 6. So an axis along which the data let
+one parameter go further than its difference is followed by itself, until it is as flat as it looks. One that is shorter
+stays as it was seen, as that of this resistance does, which several parameters share.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def along_axes(
     for _ in range(ROUNDS):
         size, axes = np.linalg.eigh((jacobian * weight) @ jacobian.T)
         if not size[-1] > 0.0:
-            return jacobian
+            break
         steps = (axes * np.sqrt(FOLLOWED / np.maximum(size, FLAT * size[-1]))).T
         ahead, back = (np.array([_room(way * step, at, bounds) for step in steps])[:, None] for way in (1.0, -1.0))
         followed = (ahead + back > ROOM)[:, 0] & (np.abs(steps) > reach).any(axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +48,12 @@ def middle(a: Fit, b: Fit) -> dict[str, float]:
     return {path: 0.5 * (value + b.values[path]) for path, value in a.values.items()}
 
 
+def errors_at(problem: Problem, parameters: Sequence[Parameter], points: np.ndarray, every: int = 1) -> np.ndarray:
+    """Weighted errors (v, m) of a problem at points (v, p) in the parameters' coordinates, of every so many samples."""
+    rows = [{p.path: p.from_fit(x) for p, x in zip(parameters, point, strict=True)} for point in points]
+    return problem.residual(problem.simulate(rows), every)
+
+
 def fit(
     problem: Problem,
     parameters: Sequence[Parameter],
@@ -84,7 +90,7 @@ def fit(
     if isinstance(problem, Several):
         u = JointByJoint(problem, [p.path for p in parameters], values, u, (low, high), reach, every).run(evaluations)
     else:
-        u = _descended(problem, values, u, low=low, high=high, reach=reach, every=every, evaluations=evaluations)
+        u = _descended(problem, parameters, u, low=low, high=high, reach=reach, every=every, evaluations=evaluations)
     best_values = values(u)
     simulated = problem.simulate([best_values])[0]
     edge = 1e-3 * (high - low)
@@ -96,7 +102,7 @@ def fit(
 
 def _descended(
     problem: Problem,
-    values: Callable[[np.ndarray], dict[str, float]],
+    parameters: Sequence[Parameter],
     u: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
@@ -107,7 +113,7 @@ def _descended(
     """Where Levenberg-Marquardt ends (p,), from a start ``u`` within bounds (p,)."""
 
     def errors(rows: np.ndarray) -> np.ndarray:
-        return problem.residual(problem.simulate([values(row) for row in rows]), every)
+        return errors_at(problem, parameters, rows, every)
 
     here = errors(u[None])[0]
     cost, damping = float(robust_loss(here).sum()), DAMPING

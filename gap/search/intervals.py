@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from .alike import inertia_room
 from .axes import UNLIKELY, along_axes
 from .bounded import FLAT, nearest_within, root_of, solved
 from .delays import at_samples
-from .fit import Fit
+from .fit import Fit, errors_at
 from .stamps import moved_by_late_columns, over_a_step, seconds_of
 from .torque_gauge import is_torque, room
 
@@ -117,11 +118,7 @@ def linearised(problem: Problem, parameters: Sequence[Parameter], found: Fit) ->
         np.minimum(u[None] + reach, high),
         np.maximum(u[None] - reach, low),
     )
-
-    def errors(rows: np.ndarray) -> np.ndarray:
-        values = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in rows]
-        return problem.residual(problem.simulate(values))
-
+    errors = partial(errors_at, problem, parameters)
     sides = errors(np.concatenate([up, down]))
     spans = np.maximum(np.diag(up) - np.diag(down), 1e-9)
     residual = problem.residual(found.simulated[None])[0]

@@ -17,7 +17,7 @@ from ..causes.cause import Cause, Variant
 from ..replay.comparison import robust_loss, robust_weight
 from ..replay.parameters import HasNumbers, Parameter
 from ..replay.problem import Problem
-from .fit import Fit, fit, merge
+from .fit import Fit, errors_at, fit, merge
 
 Forms = tuple[tuple[Cause, Variant], ...]
 
@@ -225,12 +225,7 @@ def _quadratic(choice: Choice, parameters: Sequence[Parameter], here: Fit) -> tu
     low, high = (np.array([p.to_fit(end(p)) for p in parameters]) for end in (lambda p: p.low, lambda p: p.high))
     reach = np.array([p.difference for p in parameters])
     up, down = np.minimum(reach, high - u), np.minimum(reach, u - low)
-
-    def errors(rows: np.ndarray) -> np.ndarray:
-        values = [{p.path: p.from_fit(x) for p, x in zip(parameters, row, strict=True)} for row in rows]
-        return problem.residual(problem.simulate(values))
-
-    sides = errors(np.concatenate([u[None], u + np.diag(up), u - np.diag(down)]))
+    sides = errors_at(problem, parameters, np.concatenate([u[None], u + np.diag(up), u - np.diag(down)]))
     count, error = len(parameters), sides[0]
     jacobian = (sides[1 : 1 + count] - sides[1 + count :]) / (up + down)[:, None]
     weighted = jacobian * robust_weight(error) / error.size
