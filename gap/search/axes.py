@@ -2,9 +2,9 @@
 
 Differences of one parameter at a time ripple: a joint slips a step earlier, a stop is met a step later. Along a valley,
 where a weaker motor does what more friction does, large changes of each cancel, and what is left of them is ripple,
-which looks like curvature: a resistance seemed known to 0.7 % that was open by 6. So an axis along which the data let
-one parameter go further than its difference is followed by itself, until it is as flat as it looks. One that is shorter
-stays as it was seen, as that of this resistance does, which several parameters share.
+which looks like curvature: a resistance seemed known to 0.7 % that was open by 10. So an axis of which the changes of
+single parameters would be seen many times over is followed by itself, until it is as flat as it looks. One along which
+nothing cancels stays as it was seen, as that of a delay does, which goes from sample to sample.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ UNLIKELY = 3.84  # rise of the cost, in squared noise floors: the 95 % quantile 
 FOLLOWED = 4.0 * UNLIKELY  # rise to which an axis is followed: twice as far as an interval reaches
 ROUNDS = 8
 SETTLED = 0.8  # of the rise that was foreseen along an axis, or less of its inverse: it is as flat as it looks
+CANCELS = 10.0  # times over that the cost would rise by the changes of single parameters along an axis that is followed
 ROOM = 0.3  # of an axis within the bounds, both ways together, from which it is followed
 
 
@@ -28,7 +29,6 @@ def along_axes(
     errors: Errors,
     at: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
-    reach: np.ndarray,
     jacobian: np.ndarray,
     weight: np.ndarray,
 ) -> np.ndarray:
@@ -38,7 +38,6 @@ def along_axes(
         errors: of points.
         at: the point (p,).
         bounds: low and high (p,), (p,).
-        reach: of the differences (p,).
         jacobian: by differences of one parameter at a time (p, m).
         weight: robust weight of each sample (m,).
     """
@@ -48,7 +47,8 @@ def along_axes(
             break
         steps = (axes * np.sqrt(FOLLOWED / np.maximum(size, FLAT * size[-1]))).T
         ahead, back = (np.array([_room(way * step, at, bounds) for step in steps])[:, None] for way in (1.0, -1.0))
-        followed = (ahead + back > ROOM)[:, 0] & (np.abs(steps) > reach).any(axis=1)
+        cancelled = steps**2 @ (jacobian**2 @ weight) / FOLLOWED
+        followed = (ahead + back > ROOM)[:, 0] & (cancelled > CANCELS)
         if not followed.any():
             break
         sides = errors(at + np.concatenate([(ahead * steps)[followed], (-back * steps)[followed]]))

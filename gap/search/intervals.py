@@ -125,7 +125,7 @@ def linearised(problem: Problem, parameters: Sequence[Parameter], found: Fit) ->
     block, sizes = problem.blocks()
     weight = robust_weight(residual)
     by_one = (sides[: len(u)] - sides[len(u) :]) / spans[:, None]
-    jacobian = along_axes(errors, u, (low, high), np.diag(reach), by_one, weight).T
+    jacobian = along_axes(errors, u, (low, high), by_one, weight).T
     scores = np.stack([np.bincount(block, slope, len(sizes)) for slope in (jacobian.T * residual * weight)], axis=1)
     weighted = jacobian * weight[:, None]
     curvature = weighted.T @ jacobian

@@ -34,26 +34,26 @@ def test_what_two_parameters_leave_open_together_is_seen_through_the_ripple_of_e
     """A resistance beside friction seemed known to 2 %, and a fit that held it 5 % off was as good."""
     true = 1.0 / (0.04 * np.sqrt(200.0)) * ROOT
     alone = by_one(0.02)
-    found = along_axes(rippled, np.zeros(2), (LOW, HIGH), np.full(2, 0.02), alone, np.ones(200))
+    found = along_axes(rippled, np.zeros(2), (LOW, HIGH), alone, np.ones(200))
     assert spread(alone) < 0.3 * true
     assert spread(found) == pytest.approx(true, rel=0.5)
 
 
 def test_an_axis_that_bounds_leave_no_room_stays_as_it_was_seen() -> None:
     alone = by_one(0.1)
-    found = along_axes(rippled, np.zeros(2), (np.zeros(2), np.full(2, 1e-4)), np.full(2, 0.1), alone, np.ones(200))
+    found = along_axes(rippled, np.zeros(2), (np.zeros(2), np.full(2, 1e-4)), alone, np.ones(200))
     assert np.allclose(found, alone)
 
 
 def test_a_parameter_that_does_nothing_stays_open() -> None:
     first = np.eye(2, 50)
-    found = along_axes(lambda rows: rows[:, :1] * np.ones(50), np.zeros(2), (LOW, HIGH), np.ones(2), first, np.ones(50))
+    found = along_axes(lambda rows: rows[:, :1] * np.ones(50), np.zeros(2), (LOW, HIGH), first, np.ones(50))
     assert found.shape == (2, 50) and np.isfinite(found).all()
 
 
-def test_steps_that_are_shorter_than_the_differences_are_left_to_these() -> None:
+def test_an_axis_along_which_nothing_cancels_is_left_to_the_differences() -> None:
     """A delay between two samples changes nothing, and one that was told by its samples was open altogether."""
     stairs = lambda rows: 30.0 * np.floor(rows / 0.5 + 0.5) * np.ones(50)  # noqa: E731
     first = np.full((1, 50), 60.0)
-    found = along_axes(stairs, np.zeros(1), (LOW[:1], HIGH[:1]), np.array([0.5]), first, np.ones(50))
+    found = along_axes(stairs, np.zeros(1), (LOW[:1], HIGH[:1]), first, np.ones(50))
     assert np.allclose(found, first)
