@@ -114,8 +114,7 @@ def looked(part: Problem, parameters: Sequence[Parameter], causes: Sequence[Caus
         first, last = cause.variants[0][0], cause.variants[-1][0]
         if abs(last.start - first.start) > apart:
             other = fit(part, parameters, {last.path: last.start}, ITERATIONS)
-            elsewhere = abs(other.values[last.path] - found.values[last.path]) > apart
-            found = other if elsewhere and other.cost < found.cost else found
+            found = min(found, other, key=lambda one: one.cost)
     return found
 
 
