@@ -143,8 +143,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     With `cadence` above 0, actions correct a reference gait instead, which needs no learning: feet that are neighbours
     around the body take turns (a quadruped trots, a hexapod walks on tripods, a biped steps). In half of each cycle a
     foot is lifted by `lift` and swings ahead, in the other half it goes back on the ground, as fast as the command asks
-    there, times `forward_stride`, `sideways_stride` and `turn_stride`. The
-    joints follow by the derivatives of the feet in the stance. At command 0 it stands.
+    there, times `forward_stride`, `sideways_stride` and `turn_stride`, with `forward_trim`, `sideways_trim` and `turn_trim`
+    added. The joints follow by the derivatives of the feet in the stance. At command 0 it stands.
 
     On two feet the base sways over the one that stands: with `sway` 1 by $y / (1 + \omega^2 h / g)$, where the feet are $y$
     from their middle and $\omega$ is that of the cycle. So a pendulum of height $h$ presses on the ground at that foot. It
@@ -209,7 +209,8 @@ class WalkEnv(SingleEnv, task=WalkTask):
     Legs that cannot step aside, or turn only in part, are asked for 0, or for that part.
     Where the reference gait alone falls, the lift is halved, up to twice. A `lead` that is null is 0, 0.06 or 0.12, whichever
     follows best there, and a `sway` that is null 1 or $4 / \pi$. A stride that is null makes up for what the gait lacks of
-    the way, or has too much, where the robot follows better with it.
+    the way, or has too much, and a trim that is null takes back what it makes whatever is asked for, where the robot
+    follows better with them.
 
     ## Arguments
 

@@ -33,6 +33,7 @@ LEADS = (0.0, 0.06, 0.12)  # shares of a cycle that are tried: servos that carry
 SWAYS = (1.0, 4.0 / np.pi)
 """That are tried: the ground presses where the foot is in the middle of its turn, or in its turn's first harmonic."""
 STRIDE_NAMES = ("forward_stride", "sideways_stride", "turn_stride")
+TRIM_NAMES = ("forward_trim", "sideways_trim", "turn_trim")
 STRIDE_TRIALS = 24  # simulations that tell strides: two legs do differently from start to start
 LEAST_WAY = 0.25  # share of what is asked for, below which the gait makes no way that longer strides make up for
 MOST_STRIDE = 2.0  # over what the command asks; and its inverse the least
@@ -84,12 +85,13 @@ class Tried(NamedTuple):
     """How a robot does by its reference gait alone: falls of some simulations, and how those that stood were off.
 
     In tolerances of the reward; and the shares of the way forward, sideways and about the vertical that they made (3,),
-    1 where nothing is asked for.
+    1 where nothing is asked for, and what they made of it whatever was asked for (3,) [m/s, m/s, rad/s].
     """
 
     falls: int
     off: float
     way: tuple[float, ...]
+    drift: tuple[float, ...]
 
 
 def tried(engine: BatchEngine) -> Tried:
@@ -106,12 +108,15 @@ def tried(engine: BatchEngine) -> Tried:
             velocity, turn, _ = task.velocity(engine.motion(still))
             seen.append(np.column_stack([velocity[:, :2], turn]))
     if fallen.all():
-        return Tried(len(fallen), np.inf, (1.0, 1.0, 1.0))
+        return Tried(len(fallen), np.inf, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     asked, done = engine.motion(still).command[~fallen], np.mean(seen, axis=0)[~fallen]
-    size = (asked**2).sum(axis=0)
-    way = np.where(size > 0.0, (asked * done).sum(axis=0) / np.maximum(size, 1e-12), 1.0)
+    ranging = np.ptp(asked, axis=0) > 0.0  # of one command alone, nothing tells what is made whatever is asked for
+    about = np.where(ranging, asked.mean(axis=0), 0.0)
+    size = ((asked - about) ** 2).sum(axis=0)
+    way = np.where(size > 0.0, ((asked - about) * done).sum(axis=0) / np.maximum(size, 1e-12), 1.0)
+    drift = np.where(ranging | (size == 0.0), done.mean(axis=0) - way * asked.mean(axis=0), 0.0)
     off = np.abs(done - asked) / [task.sizes.tolerance, task.sizes.tolerance, task.sizes.turn_tolerance]
-    return Tried(int(fallen.sum()), float(off.mean()), tuple(way.tolist()))
+    return Tried(int(fallen.sum()), float(off.mean()), tuple(way.tolist()), tuple(drift.tolist()))
 
 
 def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
@@ -140,6 +145,11 @@ class WalkTask(Commanded):
     forward_stride: float | None = option(1.0, "in that gait, over the command; null: as it follows best")
     sideways_stride: float | None = option(1.0, "the same to the side")
     turn_stride: float | None = option(1.0, "the same of turning")
+    forward_trim: float | None = option(
+        0.0, "added to a command in that gait; null: what it makes unasked, taken back", "m/s"
+    )
+    sideways_trim: float | None = option(0.0, "the same to the left", "m/s")
+    turn_trim: float | None = option(0.0, "the same about the vertical", "rad/s")
     tolerance: float | None = option(None, "see Rewards", "m/s")
     sideways_tolerance: float | None = option(None, "to the side, see Rewards; null: as `tolerance`", "m/s")
     turn_tolerance: float | None = option(None, "see Rewards", "rad/s")
@@ -202,10 +212,10 @@ class WalkTask(Commanded):
         return replace(Sizes.of(self.stance), **{key: value for key, value in given.items() if value is not None})
 
     def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
-        left_open = [name for name in STRIDE_NAMES if getattr(self, name) is None]
+        left_open = [name for name in (*STRIDE_NAMES, *TRIM_NAMES) if getattr(self, name) is None]
         two = bool(self.stance.aside.any())
         sways = SWAYS if self.sway is None and two else [1.0 if self.sway is None else self.sway]
-        open_strides = dict.fromkeys(left_open, 1.0)
+        open_strides = {name: 1.0 if name in STRIDE_NAMES else 0.0 for name in left_open}
         sized = replace(self, **vars(self.sizes), sway=sways[0], **open_strides)
         if not self.sizes.cadence > 0.0:
             return sized
@@ -224,18 +234,23 @@ class WalkTask(Commanded):
                 break
         return best._strode(left_open, trial) if left_open else best
 
-    @property
-    def _strides(self) -> np.ndarray:
-        """Of the reference gait over the command (3,)."""
-        return np.array([1.0 if (given := getattr(self, name)) is None else given for name in STRIDE_NAMES])
+    def _of_gait(self, names: Sequence[str], usual: float) -> np.ndarray:
+        """Numbers of the reference gait (3,), as usual where they are open."""
+        return np.array([usual if (given := getattr(self, name)) is None else given for name in names])
 
     def _strode(self, left_open: Sequence[str], trial: Callable[[Self, int], Any]) -> Self:
-        """With strides that make up for what the gait lacks of the way, or has too much, if that does better."""
+        """With strides and trims that make up for what the gait lacks, or has too much, if that does better."""
         found = tried(trial(self, STRIDE_TRIALS))
-        wanted = self._strides / np.maximum(found.way, LEAST_WAY)
-        kept = np.clip(wanted, 1.0 / MOST_STRIDE, MOST_STRIDE).round(2).tolist()
-        task = replace(self, **{name: kept[STRIDE_NAMES.index(name)] for name in left_open})
-        return task if tried(trial(task, STRIDE_TRIALS)) < found else self
+        wanted = self._of_gait(STRIDE_NAMES, 1.0) / np.maximum(found.way, LEAST_WAY)
+        strides = np.clip(wanted, 1.0 / MOST_STRIDE, MOST_STRIDE).round(2)
+        trims = (self._of_gait(TRIM_NAMES, 0.0) - strides * found.drift).round(3)
+        kept = dict(zip((*STRIDE_NAMES, *TRIM_NAMES), [*strides.tolist(), *trims.tolist()], strict=True))
+        best = self
+        for names in (STRIDE_NAMES, (*STRIDE_NAMES, *TRIM_NAMES)):
+            task = replace(self, **{name: kept[name] for name in names if name in left_open})
+            if task != best and (other := tried(trial(task, STRIDE_TRIALS))) < found:
+                best, found = task, other
+        return best
 
     def averaged(self) -> float:
         return 1.0 / self.sizes.cadence if self.sizes.cadence > 0.0 else super().averaged()
@@ -271,8 +286,10 @@ class WalkTask(Commanded):
         must for the ground to press where that foot is.
         """
         stance, found, walking = self.stance, 0.0, 0.0
-        walk = command * self._strides
         slow = SLOW * float(np.sqrt(GRAVITY * stance.height))
+        asked = np.hypot(command[:, 0], command[:, 1]) + np.abs(command[:, 2]) * RIM * stance.height
+        walk = command * self._of_gait(STRIDE_NAMES, 1.0)
+        walk = walk + np.minimum(asked / slow, 1.0)[:, None] * self._of_gait(TRIM_NAMES, 0.0)
         for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
             cycle = (self.sizes.cadence * time + 0.5 * float(turn)) % 1.0
             along, across = self._speed_of(walk, place)

@@ -206,7 +206,7 @@ def experiment_sentence(
         return (
             f"Within the limits of motion, no motion and no load of the library tells {names} (at most "
             f"{best.separation:.2f} times the noise{mean}): allow a wider motion (limits=[lower,upper]), log more "
-            f"columns (current, duty), or measure {it} directly. The best motion there is: {what[0].lower()}{what[1:]}."
+            f"columns (current, duty), or measure {it} directly."
         )
     if blind:
         return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise{mean}."

@@ -33,6 +33,8 @@ from .numbers import GLUE, LAYOUT, glued, number, percent, sureness, told_value
 
 MUCH_LEFT = 0.1  # of the gap: what stays unexplained beside causes is a line of its own from there
 
+LEFT_OPEN = 3.0  # noise floors: an error beyond this is not explained by the numbers of a first look
+
 LIMITS = "limits"  # code of the reason that lists them all
 LEAD = "Nothing was found. That much could be there unseen, hidden by numbers within their tolerance:"
 PROVISIONAL = (
@@ -224,6 +226,8 @@ def lines_of(found: FirstLook) -> Iterator[str]:
         before, after, noise = (fine(error, unit) for error in (*seen.errors, seen.problem.noise))
         yield ""
         yield f"{joint}: error {before} as believed, {after} with these numbers (noise {noise})"
+        if seen.errors[1] > LEFT_OPEN * seen.problem.noise:
+            yield "  they do not explain it: something else is there, and may have turned them beyond their intervals"
         yield from list(_numbers(seen, unit))[:MAX_TOLD] or ["  nothing that would move it by more than the noise"]
 
 

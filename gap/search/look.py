@@ -61,8 +61,12 @@ class Look:
     def effects(self) -> dict[str, float]:
         """How far the replay moves where a number is put back to what is believed, by path (rms, in the signal's unit).
 
-        Only numbers of causes whose intervals leave out what is believed; the largest first.
+        Only numbers of causes whose intervals leave out what is believed; the largest first. None where all of them
+        together bring the replay nearer by less than the noise.
         """
+        before, after = self.errors
+        if before**2 - after**2 < self.problem.noise**2:
+            return {}
         nominal = self.problem.models[0]
         told = {
             p.path: p.neutral(nominal)

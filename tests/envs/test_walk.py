@@ -18,7 +18,7 @@ from sealegs.actuators import load_chain
 from sealegs.agents.config import read_config
 from sealegs.common.errors import SealegsError
 from sealegs.envs.any_robot.reach import ReachTask
-from sealegs.envs.any_robot.walk import WalkTask
+from sealegs.envs.any_robot.walk import WalkTask, tried
 from sealegs.envs.contract import make_contract, random_motion
 from sealegs.envs.engine.batch import BatchEngine
 from sealegs.envs.engine.sb3 import BatchVecEnv
@@ -490,6 +490,21 @@ def test_strides_that_are_left_open_make_up_for_the_way_that_the_gait_lacks() ->
     plain, _ = walked_by("quadruped", 4.0, **given | {"turn": 0.5})
     made_up, fallen = walked_by("quadruped", 4.0, **given | {"turn": 0.5, "turn_stride": fitted["turn_stride"]})
     assert not fallen and abs(made_up[3] - 0.5) < 0.5 * abs(plain[3] - 0.5)
+
+
+def test_what_a_gait_makes_whatever_is_asked_for_is_no_part_of_its_way_and_is_taken_back() -> None:
+    """A quadruped of a user drifted by 0.08 m/s, and a biped went backwards at half of its speed forward."""
+
+    def trial(task: WalkTask, count: int) -> BatchEngine:
+        return BatchEngine(task, count, autoreset=False)
+
+    drifting = WalkTask(cadence=CADENCE, sideways_trim=0.06)
+    drifting = replace(drifting, **vars(drifting.sizes))
+    straight, found = (tried(trial(replace(drifting, sideways_trim=trim), 24)) for trim in (0.0, 0.06))
+    assert found.drift[1] - straight.drift[1] == pytest.approx(0.06, abs=0.025)
+    assert found.way == pytest.approx(straight.way, abs=0.15)
+    mended = drifting._strode(["sideways_trim"], trial).sideways_trim
+    assert mended is not None and abs(mended) < 0.03
 
 
 def test_speed_is_judged_over_a_cycle_in_which_the_gait_sways() -> None:

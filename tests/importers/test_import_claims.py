@@ -38,6 +38,14 @@ def drive(folder: Path) -> Path:
     return table(folder, columns | {"hip_load": np.where(load < 0.0, 1024.0 - load, load), "diag1": np.sin(TIME)})
 
 
+def test_a_load_in_percent_is_asked_about_as_the_duty(tmp_path: Path) -> None:
+    """It was left out as a register without a unit, and is what tells most of a servo."""
+    load = 40.0 * np.sin(3.0 * TIME)
+    found = proposed(tmp_path, RAD | {"load_pct": load})
+    assert found.mapping.columns["joint.duty"] == "load_pct/100"
+    assert asked(found)["joint.duty"].startswith("Is it the duty, as the load of Feetech's servos is?")
+
+
 # --- dialects from outside -------------------------------------------------------------------------------------------
 
 

@@ -134,6 +134,8 @@ def test_a_row_of_units_below_the_names_is_taken_for_units(tmp_path: Path) -> No
         path = written(tmp_path, f"Time,Command,Position,Current\n{units}\n{text}", name)
         check(path, "`Time [s]`")
         assert texts_of(path)[0]["joint.current"] == "`Current [mA]`*1e-3"
+    strange = written(tmp_path, f"Time,Command,Position,Current\ns,deg,deg,0.1%\n{text}", "strange.csv")
+    assert texts_of(strange)[0]["joint.position"] == "`Position [deg]`*pi/180"  # one word that is no unit
 
 
 def test_a_table_without_samples_is_told(tmp_path: Path) -> None:

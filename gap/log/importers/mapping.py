@@ -159,8 +159,8 @@ def _check_complete(table: AnyMapping[str, Array], mapping: Mapping, where: str)
         factors = [f"known({mapping.columns[one]})" for one in lost] + [f"({mapping.where})"] * bool(mapping.where)
         raise LogError(
             f"{where}: column '{name}' has no value in {int(empty.sum())} of {len(empty)} samples, the first in row "
-            f"{int(np.argmax(empty)) + 1}; leave them out by the line `where: {'*'.join(factors)}` in the mapping, or "
-            "hold a goal that is written only where it changes: hold(<column>)."
+            f"{int(np.argmax(empty)) + 1}; hold a goal that is written only where it changes, hold(<column>), or leave "
+            f"the samples out by the line `where: {'*'.join(factors)}` in the mapping."
         )
 
 

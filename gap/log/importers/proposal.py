@@ -40,6 +40,9 @@ from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
 LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
+LOAD_IN_PERCENT = (
+    "Is it the duty, as the load of Feetech's servos is? Then leave the line as it is; a torque in percent is none"
+)
 LINE_WIDTH = 118
 MARKS = {ASK: "? ", LIKELY: "likely: "}
 
@@ -204,6 +207,8 @@ class _Proposer:
                 out.unused[claim.column] = "a commanded velocity beside no goal, or of zero"
             elif signal == "goal_velocity" and goal is not None:
                 self.put(f"{joint}.{signal}", goal_velocity_line(claim, goal), claim)
+            elif signal == "load" and claim.unit == "%" and "duty" not in chosen:
+                self.put(f"{joint}.duty", drive_line("duty", claim, moved).but(trust=ASK, ask=LOAD_IN_PERCENT), claim)
             elif signal == "load":
                 out.unused[claim.column] = "a register without a unit, no torque"
             else:

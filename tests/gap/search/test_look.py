@@ -25,3 +25,10 @@ def test_a_fit_that_stays_far_off_gives_way_to_one_from_another_start_nearby(mon
     starts = [(SimpleNamespace(path="delay.seconds", start=start),) for start in (0.02, 0.00625)]
     cause = SimpleNamespace(name=look.DELAY, variants=starts)
     assert look.looked(cast(Any, None), (), cast(Any, [cause])).cost == 0.49
+
+
+def test_numbers_that_bring_a_replay_no_nearer_are_no_effects() -> None:
+    """A joint within its noise was told to have a mass of 8 % more."""
+    problem = SimpleNamespace(noise=0.5)
+    seen = look.Look(cast(Any, problem), (), Fit({}, np.zeros((1, 4)), 1.0), {}, {}, (0.52, 0.50))
+    assert seen.effects() == {}

@@ -19,6 +19,7 @@ from ..recording import NoRecording
 
 SEPARATORS = (",", ";", "\t", "|", " ")
 COMMENTS = ("#", "%")
+BRACKETS = " -[]()"  # about a unit below a name, or in place of none
 HEAD_LINES, LAST_LINES = 400, 12
 """Lines that tell how a file is laid out, and those at their end that tell the separator: what a tool writes above the
 samples stands before them."""
@@ -129,9 +130,9 @@ def _names(
 ) -> list[str]:
     """Names of the columns from what stands above the first sample, in a comment where nothing else does."""
     width, header, units = len(first), above[-1] if above else [], list[str]()
-    said = [unit_of(cell) for cell in header]
-    if len(above) > 1 and any(said) and all(u or not c.strip(" -[]()") for u, c in zip(said, header, strict=True)):
-        header, units = above[-2], said
+    said = {cell: unit_of(cell) for cell in header if cell.strip(BRACKETS)}
+    if len(above) > 1 and len(above[-2]) == len(header) and 2 * sum(map(bool, said.values())) > len(said):
+        header, units = above[-2], [said.get(cell) or cell.strip(BRACKETS) for cell in header]
         notes.append("the row below the names has the units, which stand in brackets behind them")
     if len(header) not in (width, width - 1) and start:  # parted by another sign than the samples
         line = lines[start - 1].lstrip("#% \t")
