@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -36,6 +37,7 @@ STRIDE_NAMES = ("forward_stride", "sideways_stride", "turn_stride")
 TRIM_NAMES = ("forward_trim", "sideways_trim", "turn_trim")
 STRIDE_TRIALS = 24  # simulations that tell strides: two legs do differently from start to start
 LEAST_WAY = 0.25  # share of what is asked for, below which the gait makes no way that longer strides make up for
+TRIMMED = 0.75  # of what the gait is off, or less, that trims must leave: a little of it is chance, from start to start
 MOST_STRIDE = 2.0  # over what the command asks; and its inverse the least
 
 
@@ -222,6 +224,8 @@ class WalkTask(Commanded):
         lifts = [self.sizes.lift / 2.0**k for k in range(HALVINGS + 1)] if self.lift is None else [self.lift]
         leads = LEADS if self.lead is None and two and sways[0] > 0.0 else [self.sizes.lead]
         best = sized
+        if left_open or len(lifts) * len(leads) * len(sways) > 1:
+            print(f"Trying the reference gait of {self.robot.name} (up to minutes) ...", file=sys.stderr, flush=True)
         for lift in lifts:
             tasks = [replace(sized, lift=lift, lead=lead, sway=sway) for sway in sways for lead in leads]
             if len(tasks) == 1 and lift == lifts[-1]:
@@ -246,9 +250,9 @@ class WalkTask(Commanded):
         trims = (self._of_gait(TRIM_NAMES, 0.0) - strides * found.drift).round(3)
         kept = dict(zip((*STRIDE_NAMES, *TRIM_NAMES), [*strides.tolist(), *trims.tolist()], strict=True))
         best = self
-        for names in (STRIDE_NAMES, (*STRIDE_NAMES, *TRIM_NAMES)):
+        for names, least in ((STRIDE_NAMES, 1.0), ((*STRIDE_NAMES, *TRIM_NAMES), TRIMMED)):
             task = replace(self, **{name: kept[name] for name in names if name in left_open})
-            if task != best and (other := tried(trial(task, STRIDE_TRIALS))) < found:
+            if task != best and (other := tried(trial(task, STRIDE_TRIALS))) < found._replace(off=least * found.off):
                 best, found = task, other
         return best
 

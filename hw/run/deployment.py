@@ -41,6 +41,7 @@ from .pace import measured, not_kept, realtime
 from .policy import Policy
 from .task_reference import TaskReference, library_excitation
 
+OF_REWARD = ("tolerance", "weight", "time")  # ends of names of numbers that change no reference
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
 DRY_CYCLES = 10
@@ -265,6 +266,10 @@ def _guarded(
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
             f"into {log.path}"
         )
+        if fitted := getattr(deployment.commands, "fitted", None):
+            own = {name: value for name, value in fitted.items() if not name.endswith(OF_REWARD) and np.isscalar(value)}
+            told = ", ".join(f"{name}: {value}" for name, value in own.items())
+            say(f"The reference follows from the robot; to change it, give some of these in reference=: {told}")
         supervisor = None
         if not opened.within:  # such servos end with this process: nobody would be left to guard
             charge = charge_of(config, opened.ports, robot, rest, str(log.events_path.resolve()), deployment.limits)

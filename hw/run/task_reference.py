@@ -29,6 +29,7 @@ class TaskReference:
 
     Attributes:
         task: with numbers that fit the robot.
+        fitted: those of them that follow from robot and chains, by name.
         asked: what it is asked for over time; None: the middle of what the task draws.
     """
 
@@ -49,14 +50,18 @@ class TaskReference:
             raise SealegsError(f"reference is {given!r}; it is {FORM}.")
         if word not in known:
             raise SealegsError(f"there is no task '{word}'{nearest(word, known)}; reference= takes {FORM}.")
-        self.task = _fitted(word, numbers, robot)
+        self.task, self.fitted = _fitted(word, numbers, robot)
         self.name, self.rate, self.duration = f"reference-{word}", self.task.control_rate, math.inf
         self._robot, self._numbers = robot, robot.robot.parameters(robot.params)
         self._middle = np.full((1, self.task.draws), 0.5)
         self._command = self.task.commands(self._middle)[0]
         self.asked = None if command is None else asked_for(command, self.task)
         told = self._command.tolist() if self.asked is None else self.asked.description
-        self.description = {"reference": given, "command": told}
+        self.description = {
+            "reference": given,
+            "fitted": {k: np.asarray(v).tolist() for k, v in self.fitted.items()},
+            "command": told,
+        }
         if self.task.reference(np.zeros(1), self._command[None], self._numbers) is None:
             raise SealegsError(f"the task '{word}' has no reference; walk and track have one.")
 
@@ -84,15 +89,16 @@ class TaskReference:
         return np.clip(np.asarray(found[0])[0], self._robot.low, self._robot.high)
 
 
-def _fitted(word: str, numbers: Mapping[str, Any], robot: ServoRobot) -> Task:
-    """The task of a file of ``configs/env`` on a robot, with numbers that follow from robot and chains."""
+def _fitted(word: str, numbers: Mapping[str, Any], robot: ServoRobot) -> tuple[Task, dict[str, Any]]:
+    """The task of a file of ``configs/env`` on a robot, and its numbers that follow from robot and chains."""
     env: Any = OmegaConf.to_container(OmegaConf.load(FOLDER / "env" / f"{word}.yaml"))
     env = {key: value for key, value in env.items() if key not in ("params", "randomization")}
     own = robot.robot.source
     if "robot" not in env:
         raise SealegsError(f"the task '{word}' has a robot of its own; reference= takes tasks of any robot, as walk.")
     task = task_of({**env, **{str(key): value for key, value in numbers.items()}, "robot": own})[0]
-    return BatchEngine(task, 1, actuator=robot.chains, params=robot.params).task
+    engine = BatchEngine(task, 1, actuator=robot.chains, params=robot.params)
+    return engine.task, engine.fitted
 
 
 # --- motions of the library of excitations on all joints of a robot --------------------------------------------------

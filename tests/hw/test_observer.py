@@ -212,10 +212,9 @@ def test_a_quadruped_walks_on_its_gait_under_the_guard_and_into_a_log(tmp_path: 
     words = ["reference={walk: {cadence: 2.0, lift: 0.02}}", "robot=quadruped", "command={forward: 0.2}"]
     deploy.main([*words, *STEPPED, "duration=1.0", f"out={tmp_path}", "name=gait"])
     run = read_measured(tmp_path / "gait.csv").runs[0]
-    assert run.meta["command"] == {
-        "reference": {"walk": {"cadence": 2.0, "lift": 0.02}},
-        "command": [0.2, 0.0, 0.0],
-    }
+    said = run.meta["command"]
+    assert said["reference"] == {"walk": {"cadence": 2.0, "lift": 0.02}} and said["command"] == [0.2, 0.0, 0.0]
+    assert {"forward_stride", "turn_trim", "forward"} <= said["fitted"].keys() and "lift" not in said["fitted"]
     goals = np.stack([joint.goal for joint in run.joints.values() if joint.goal is not None], axis=1)
     assert goals.shape == (50, 12) and np.ptp(goals, axis=0).max() > 0.2, "its legs swing"
     np.testing.assert_allclose(goals[:24], goals[25:49], atol=2e-2)  # twice in a second
