@@ -309,7 +309,10 @@ def first_look(data: MeasuredSet, request: Request, only: Sequence[str] | None =
     joints = chosen(commanded(machine), only)
     found = look_at(joints, partial(_replay_of, machine, findings=findings, request=request), request)
     if not found.joints:
-        raise SealegsError("No joint can be replayed freely, so there is nothing to look at; diagnose says why.")
+        raise SealegsError(
+            "No joint can be replayed freely (those of a robot that walks are not), so there is no first look: leave "
+            "look=true out, and the diagnosis says why."
+        )
     return found
 
 

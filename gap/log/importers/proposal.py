@@ -41,7 +41,7 @@ MEASURED_BY_MOTION = ("velocity", "torque", "current")
 LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
 LOAD_IN_PERCENT = (
-    "Is it the duty, as the load of Feetech's servos is? Then leave the line as it is; a torque in percent is none"
+    "Is it the duty, as the load of Feetech's servos is? Keep the line then; if it is a torque in percent, remove it"
 )
 LINE_WIDTH = 118
 MARKS = {ASK: "? ", LIKELY: "likely: "}
