@@ -35,6 +35,7 @@ SWAYS = (1.0, 4.0 / np.pi)
 """That are tried: the ground presses where the foot is in the middle of its turn, or in its turn's first harmonic."""
 STRIDE_NAMES = ("forward_stride", "sideways_stride", "turn_stride")
 TRIM_NAMES = ("forward_trim", "sideways_trim", "turn_trim")
+PLAIN = dict.fromkeys(STRIDE_NAMES, 1.0) | dict.fromkeys(TRIM_NAMES, 0.0)  # the gait goes as the command says
 STRIDE_TRIALS = 24  # simulations that tell strides: two legs do differently from start to start
 LEAST_WAY = 0.25  # share of what is asked for, below which the gait makes no way that longer strides make up for
 TRIMMED = 0.75  # of what the gait is off, or less, that trims must leave: a little of it is chance, from start to start
@@ -214,11 +215,10 @@ class WalkTask(Commanded):
         return replace(Sizes.of(self.stance), **{key: value for key, value in given.items() if value is not None})
 
     def fitted(self, trial: Callable[[Self, int], Any]) -> Self:
-        left_open = [name for name in (*STRIDE_NAMES, *TRIM_NAMES) if getattr(self, name) is None]
+        left_open = [name for name in PLAIN if getattr(self, name) is None]
         two = bool(self.stance.aside.any())
         sways = SWAYS if self.sway is None and two else [1.0 if self.sway is None else self.sway]
-        open_strides = {name: 1.0 if name in STRIDE_NAMES else 0.0 for name in left_open}
-        sized = replace(self, **vars(self.sizes), sway=sways[0], **open_strides)
+        sized = replace(self, **vars(self.sizes), sway=sways[0], **{name: PLAIN[name] for name in left_open})
         if not self.sizes.cadence > 0.0:
             return sized
         lifts = [self.sizes.lift / 2.0**k for k in range(HALVINGS + 1)] if self.lift is None else [self.lift]
@@ -238,19 +238,19 @@ class WalkTask(Commanded):
                 break
         return best._strode(left_open, trial) if left_open else best
 
-    def _of_gait(self, names: Sequence[str], usual: float) -> np.ndarray:
-        """Numbers of the reference gait (3,), as usual where they are open."""
-        return np.array([usual if (given := getattr(self, name)) is None else given for name in names])
+    def _of_gait(self, names: Sequence[str]) -> np.ndarray:
+        """Numbers of the reference gait (3,), plain where they are open."""
+        return np.array([PLAIN[name] if (given := getattr(self, name)) is None else given for name in names])
 
     def _strode(self, left_open: Sequence[str], trial: Callable[[Self, int], Any]) -> Self:
         """With strides and trims that make up for what the gait lacks, or has too much, if that does better."""
         found = tried(trial(self, STRIDE_TRIALS))
-        wanted = self._of_gait(STRIDE_NAMES, 1.0) / np.maximum(found.way, LEAST_WAY)
+        wanted = self._of_gait(STRIDE_NAMES) / np.maximum(found.way, LEAST_WAY)
         strides = np.clip(wanted, 1.0 / MOST_STRIDE, MOST_STRIDE).round(2)
-        trims = (self._of_gait(TRIM_NAMES, 0.0) - strides * found.drift).round(3)
-        kept = dict(zip((*STRIDE_NAMES, *TRIM_NAMES), [*strides.tolist(), *trims.tolist()], strict=True))
+        trims = (self._of_gait(TRIM_NAMES) - strides * found.drift).round(3)
+        kept = dict(zip(PLAIN, [*strides.tolist(), *trims.tolist()], strict=True))
         best = self
-        for names, least in ((STRIDE_NAMES, 1.0), ((*STRIDE_NAMES, *TRIM_NAMES), TRIMMED)):
+        for names, least in ((STRIDE_NAMES, 1.0), (PLAIN, TRIMMED)):
             task = replace(self, **{name: kept[name] for name in names if name in left_open})
             if task != best and (other := tried(trial(task, STRIDE_TRIALS))) < found._replace(off=least * found.off):
                 best, found = task, other
@@ -292,8 +292,8 @@ class WalkTask(Commanded):
         stance, found, walking = self.stance, 0.0, 0.0
         slow = SLOW * float(np.sqrt(GRAVITY * stance.height))
         asked = np.hypot(command[:, 0], command[:, 1]) + np.abs(command[:, 2]) * RIM * stance.height
-        walk = command * self._of_gait(STRIDE_NAMES, 1.0)
-        walk = walk + np.minimum(asked / slow, 1.0)[:, None] * self._of_gait(TRIM_NAMES, 0.0)
+        walk = command * self._of_gait(STRIDE_NAMES)
+        walk = walk + np.minimum(asked / slow, 1.0)[:, None] * self._of_gait(TRIM_NAMES)
         for foot, (place, turn) in enumerate(zip(stance.places, stance.turns, strict=True)):
             cycle = (self.sizes.cadence * time + 0.5 * float(turn)) % 1.0
             along, across = self._speed_of(walk, place)

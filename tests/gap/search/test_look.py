@@ -29,6 +29,11 @@ def test_a_fit_that_stays_far_off_gives_way_to_one_from_another_start_nearby(mon
 
 def test_numbers_that_bring_a_replay_no_nearer_are_no_effects() -> None:
     """A joint within its noise was told to have a mass of 8 % more."""
-    problem = SimpleNamespace(noise=0.5)
-    seen = look.Look(cast(Any, problem), (), Fit({}, np.zeros((1, 4)), 1.0), {}, {}, (0.52, 0.50))
-    assert seen.effects() == {}
+    mass: Any = SimpleNamespace(path="load.mass_factor", neutral=lambda model: 1.0)
+    problem: Any = SimpleNamespace(
+        noise=0.5, models=[None], simulate=lambda rows: np.ones((len(rows), 9, 4)), position_error=lambda row: row[:, 0]
+    )
+    fitted = Fit({mass.path: 1.085}, np.zeros((9, 4)), 1.0)
+    known = {mass.path: (1.051, 1.119)}, {mass.path: "load.mass"}
+    near, far = (look.Look(problem, (mass,), fitted, *known, errors) for errors in ((0.52, 0.50), (5.0, 0.50)))
+    assert near.effects() == {} and far.effects() == {mass.path: 1.0}
