@@ -35,7 +35,8 @@ SWAYS = (1.0, 4.0 / np.pi)
 """That are tried: the ground presses where the foot is in the middle of its turn, or in its turn's first harmonic."""
 STRIDE_NAMES = ("forward_stride", "sideways_stride", "turn_stride")
 TRIM_NAMES = ("forward_trim", "sideways_trim", "turn_trim")
-PLAIN: dict[str, float] = {**dict.fromkeys(STRIDE_NAMES, 1.0), **dict.fromkeys(TRIM_NAMES, 0.0)}  # the gait goes as the command says
+PLAIN: dict[str, float] = {**dict.fromkeys(STRIDE_NAMES, 1.0), **dict.fromkeys(TRIM_NAMES, 0.0)}
+"""With these the gait goes as the command says."""
 STRIDE_TRIALS = 24  # simulations that tell strides: two legs do differently from start to start
 LEAST_WAY = 0.25  # share of what is asked for, below which the gait makes no way that longer strides make up for
 TRIMMED = 0.75  # of what the gait is off, or less, that trims must leave: a little of it is chance, from start to start
