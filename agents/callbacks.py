@@ -193,12 +193,21 @@ class Evaluation(EvalCallback):
         """Asked in every step of an evaluation: note what an episode tells at its end."""
         super()._log_success_callback(locals_, globals_)
         if locals_["done"]:
-            self._ended.append(locals_["info"].get("episode", {}))
+            info = locals_["info"]
+            self._ended.append(info.get("episode", {}) | {"failed": not info.get("TimeLimit.truncated", False)})
 
-    def servo_use(self) -> dict[str, float]:
-        """How hard the servos were driven in the latest evaluation: means by measure."""
-        names = [name for name in (self._ended[-1] if self._ended else {}) if name.startswith("servo_")]
-        return {name.removeprefix("servo_"): float(np.mean([row[name] for row in self._ended])) for name in names}
+    def means(self, kind: str) -> dict[str, float]:
+        """Means over the episodes of the latest evaluation of what they tell of a kind, by name.
+
+        Args:
+            kind: ``servo``: how hard servos were driven; ``error``: from what was asked for.
+        """
+        names = [name for name in (self._ended[-1] if self._ended else {}) if name.startswith(f"{kind}_")]
+        return {name.removeprefix(f"{kind}_"): float(np.mean([row[name] for row in self._ended])) for name in names}
+
+    def failures(self) -> int:
+        """How many of these episodes ended before their time."""
+        return sum(row["failed"] for row in self._ended)
 
     def rewards(self) -> np.ndarray:
         """Of the episodes of the latest evaluation (n,)."""
@@ -244,8 +253,8 @@ class EpisodeTerms(BaseCallback):
         episodes = self.model.ep_info_buffer or ()
         for name in episodes[-1] if episodes else ():
             kind, _, rest = name.partition("_")
-            if kind in ("reward", "servo") and rest:
-                self.logger.record(f"{kind}/{rest}", float(np.mean([episode[name] for episode in episodes])))
+            if kind in ("reward", "servo", "error") and rest:
+                self.logger.record(f"{kind}/{rest.partition(' [')[0]}", float(np.mean([episode[name] for episode in episodes])))
         for name, values in self._flags.items():
             self.logger.record(f"actuator/{name}", float(np.mean(values)))
 

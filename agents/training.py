@@ -231,17 +231,21 @@ class Session:
         """The work after the last step; a resumed run makes up for parts that are missing."""
         self.evaluation.evaluate(self.model)
         save_evaluations(self.run, self.model.num_timesteps, self.evaluation.state)
-        rewards, use = self.evaluation.rewards(), {"policy": self.evaluation.servo_use()}
-        reference = self.evaluation.of_no_action() if self._corrects() else None
+        seen = self.evaluation
+        rewards, use, off = seen.rewards(), {"policy": seen.means("servo")}, told_errors(seen)
+        reference = seen.of_no_action() if self._corrects() else None
         figures = {"mean_reward": float(rewards.mean())}
         if reference is not None:
             figures["reference_reward"] = float(reference.mean())
-            use["reference alone"] = self.evaluation.servo_use()
+            use["reference alone"] = seen.means("servo")
+            off = off and f"{off}; its reference alone, {told_errors(seen)}"
         with self.run.writing("final") as folder:
             self._save(folder, self.description | figures)
         print(f"Mean evaluation reward {told(rewards)}.", flush=True)
         if reference is not None:
             print(beside_reference(rewards, reference), flush=True)
+        if off:
+            print(f"Mean errors of the policy: {off}.", flush=True)
         self._tell_use(use)
         self._film()
 
@@ -364,6 +368,14 @@ def beside_reference(rewards: np.ndarray, reference: np.ndarray) -> str:
         f"{known}: the policy does NOT beat it ({gain.mean():+.3g}). Train longer, with a smaller env.correction, or "
         "use the reference as it is."
     )
+
+
+def told_errors(seen: Evaluation) -> str:
+    """Mean errors of the latest episodes and how many of these failed, in words; empty where the task has none."""
+    parts = [f"{name.partition(' [')[0]} {value:.3g} {name.partition(' [')[2].rstrip(']')}"
+             for name, value in seen.means("error").items()]  # fmt: skip
+    failed = seen.failures()
+    return ", ".join(parts) + f"; {failed} episodes end early" * bool(failed) if parts else ""
 
 
 def new_learner(config: TrainConfig, actuator: Actuator) -> tuple[BaseAlgorithm, BatchVecEnv]:

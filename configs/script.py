@@ -17,6 +17,7 @@ from ..common.errors import SealegsError
 from ..common.extras import missing_package
 from .compose import FOLDER, choices, groups
 
+OTHER_ROBOTS = "         or quadruped, rover, small_biped, which files describe, and the .yaml, .xml or .urdf of your own"
 BAD_INPUT = 2
 INTERRUPTED = 130
 
@@ -114,7 +115,9 @@ def help_page(name: str, description: str) -> str:
             "One of these words for a file in configs/<key>, whose own keys are given as <key>.<its key>=value:",
             "",
         ]
-        page += [line for key, words in named.items() if words for line in _wrapped(key, words)]
+        for key, words in named.items():
+            page += _wrapped(key, words) if words else []
+            page += [OTHER_ROBOTS] * (key == "robot")
         page += [""]
     page += [f"Keys and their defaults (configs/{name}.yaml), given as key=value:", ""]
     keys = re.sub(r"^defaults:\n(?:  .*\n)*\n?", "", text, flags=re.MULTILINE).strip()

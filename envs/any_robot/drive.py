@@ -183,5 +183,12 @@ class DriveTask(Commanded):
             **terms,
         }
 
+    def errors(self, motion: Motion) -> dict[str, np.ndarray]:
+        forward, turn = self.velocity(motion)
+        return {
+            "speed [m/s]": np.abs(forward - motion.command[:, 0]),
+            "turning [rad/s]": np.abs(turn - motion.command[:, 1]),
+        }
+
     def failed(self, motion: Motion) -> np.ndarray:
         return self._upright(motion) < np.cos(self.healthy_tilt)

@@ -41,3 +41,6 @@ class ReachTask(AnyRobotTask):
 
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         return self.closeness(motion, motion.command)
+
+    def errors(self, motion: Motion) -> dict[str, np.ndarray]:
+        return self.away(motion, motion.command)

@@ -132,6 +132,16 @@ class AnyRobotTask(Task):
             "reward_energy": -self.energy_weight * power,
         }
 
+    def away(self, motion: Motion, target: np.ndarray) -> dict[str, np.ndarray]:
+        """Root mean square errors of joints that turn and of joints that slide from their targets (n, k)."""
+        error, units = motion.link - target, np.array([self.robot.unit(name) for name in self.names])
+        said = {"rad": "joints from their targets", "m": "slides from their targets"}
+        return {
+            f"{words} [{unit}]": np.sqrt((error[:, units == unit] ** 2).mean(axis=1))
+            for unit, words in said.items()
+            if (units == unit).any()
+        }
+
     def failed(self, motion: Motion) -> np.ndarray:
         return np.zeros(len(motion.action), dtype=bool)
 

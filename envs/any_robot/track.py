@@ -121,6 +121,9 @@ class TrackTask(AnyRobotTask):
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         return self.closeness(motion, self.target(motion.time, motion.command))
 
+    def errors(self, motion: Motion) -> dict[str, np.ndarray]:
+        return self.away(motion, self.target(motion.time, motion.command))
+
 
 # --- the lead of the goals, measured on the chains of the servos -----------------------------------------------------
 

@@ -373,10 +373,9 @@ class WalkTask(Commanded):
         """Terms of what a machine does not measure."""
         m, stance, world = motion, self.stance, motion.world
         velocity, _, sway = self.velocity(m)
-        mean = self.ahead(m, world.mean_velocity(stance.base))
+        speed, turn = self._off(m)
         widths = self.sizes.tolerance, self.sideways_tolerance or self.sizes.tolerance
-        off = (((mean[:, :2] - m.command[:, :2]) / widths) ** 2).sum(axis=1)
-        astray = ((world.mean_turn_rate(stance.base)[:, 2] - m.command[:, 2]) / self.sizes.turn_tolerance) ** 2
+        off, astray = ((speed / widths) ** 2).sum(axis=1), (turn / self.sizes.turn_tolerance) ** 2
         bounce = (velocity[:, 2] / self.sizes.tolerance) ** 2 + (sway / self.sizes.turn_tolerance) ** 2
         soles, speeds = self._soles(m)
         touching, landed = world.touching(stance.feet), world.landed(stance.feet)
@@ -396,6 +395,16 @@ class WalkTask(Commanded):
             "reward_collision": -self.collision_weight * world.touching(others).sum(axis=1),
             "reward_duty": -self.duty_weight * (m.duty**2).mean(axis=1),
         }
+
+    def errors(self, motion: Motion) -> dict[str, np.ndarray]:
+        off, astray = self._off(motion)
+        return {"speed [m/s]": np.linalg.norm(off, axis=1), "turning [rad/s]": np.abs(astray)}
+
+    def _off(self, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Mean speed (n, 2) [m/s] and turn (n,) [rad/s] less those that were asked for."""
+        base, command = self.stance.base, motion.command
+        speed = self.ahead(motion, motion.world.mean_velocity(base))[:, :2] - command[:, :2]
+        return speed, motion.world.mean_turn_rate(base)[:, 2] - command[:, 2]
 
     def velocity(self, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of the base: forward, sideways and up (n, 3) [m/s], turn (n,) [rad/s], and other turning (n,) [rad/s]."""

@@ -319,6 +319,7 @@ class BatchEngine:
             terms=terms,
             flags=flags,
             servo=use,
+            errors=self.task.errors(motion),
             done=done,
             final_observation=final,
         )

@@ -50,8 +50,8 @@ class EngineVecEnv(VecEnv):
 
     ``infos[i]`` is empty but in the step that ends an episode, where it holds ``terminal_observation``,
     ``TimeLimit.truncated``, the last step's flags, and ``episode``: ``r``, ``l``, ``t`` as ``Monitor`` writes them, the
-    sum of each term of the reward, and the mean of each measure of :mod:`~sealegs.envs.engine.servo_use`. So no
-    ``VecMonitor`` is needed.
+    sum of each term of the reward, and the mean of each measure of :mod:`~sealegs.envs.engine.servo_use` and of each
+    error of the task. So no ``VecMonitor`` is needed.
     """
 
     def __init__(self, engine: SteppedBatch, owner: object | None = None) -> None:
@@ -89,7 +89,9 @@ class EngineVecEnv(VecEnv):
         result = self.engine.step(self._actions)
         self._returns += result.reward
         self._lengths += 1
-        for name, term in {**result.terms, **{f"servo_{key}": value for key, value in result.servo.items()}}.items():
+        used = {f"servo_{key}": value for key, value in result.servo.items()}
+        off = {f"error_{key}": value for key, value in result.errors.items()}
+        for name, term in (result.terms | used | off).items():
             if name in self._sums:
                 self._sums[name] += term
             else:
@@ -115,10 +117,11 @@ class EngineVecEnv(VecEnv):
         return result.observation, result.reward.astype(np.float32), dones, infos
 
     def _summed(self, number: int) -> dict[str, float]:
-        """Sums of the reward's terms over an episode, and means of how hard it drove the servos."""
+        """Sums of the reward's terms over an episode, and means of its errors and of how hard it drove the servos."""
         length = self._lengths[number]
         sums = {name: float(total[number]) for name, total in self._sums.items()}
-        return {name: value / length if name.startswith("servo_") else value for name, value in sums.items()}
+        means = ("servo_", "error_")
+        return {name: value / length if name.startswith(means) else value for name, value in sums.items()}
 
     def close(self) -> None:
         """Nothing is open."""

@@ -122,6 +122,7 @@ class Step:
         terms: of the reward by name, (n,) each.
         flags: what an engineer wants to know, (n,) each: ``net_out_of_range``, ``unstable``.
         servo: how hard the servos were driven, by :data:`~sealegs.envs.engine.servo_use.MEASURES`, (n,) each.
+        errors: from what was asked for, by :meth:`Task.errors`, (n,) each.
         done: numbers of the simulations whose episode ended.
         final_observation: (len(done), size), the last of those episodes.
     """
@@ -133,6 +134,7 @@ class Step:
     terms: dict[str, np.ndarray]
     flags: dict[str, np.ndarray]
     servo: dict[str, np.ndarray]
+    errors: dict[str, np.ndarray]
     done: np.ndarray
     final_observation: np.ndarray
 
@@ -283,6 +285,14 @@ class Task(ABC):
     @abstractmethod
     def rewards(self, motion: Motion) -> dict[str, np.ndarray]:
         """Terms of the reward by name, (n,) each; the reward is their sum."""
+
+    def errors(self, motion: Motion) -> dict[str, np.ndarray]:
+        """How far the simulated robot is from what it is asked for, (n,) each, by a name with its unit in brackets.
+
+        Means over episodes are told beside the reward, which nobody reads as metres or radians.
+        """
+        del motion
+        return {}
 
     @abstractmethod
     def failed(self, motion: Motion) -> np.ndarray:

@@ -41,7 +41,6 @@ from .pace import measured, not_kept, realtime
 from .policy import Policy
 from .task_reference import TaskReference, library_excitation
 
-OF_REWARD = ("tolerance", "weight", "time")  # ends of names of numbers that change no reference
 RATE = 100.0  # [Hz] of what does not say its own
 DURATION = 10.0  # [s] of what has no end of its own
 DRY_CYCLES = 10
@@ -266,9 +265,8 @@ def _guarded(
             f"Running {deployment.commands.name} at {deployment.rate:g} Hz for {deployment.duration:g} s, "
             f"into {log.path}"
         )
-        if fitted := getattr(deployment.commands, "fitted", None):
-            own = {name: value for name, value in fitted.items() if not name.endswith(OF_REWARD) and np.isscalar(value)}
-            told = ", ".join(f"{name}: {value}" for name, value in own.items())
+        if isinstance(deployment.commands, TaskReference) and (decide := deployment.commands.deciding()):
+            told = ", ".join(f"{name}: {value}" for name, value in decide.items())
             say(f"The reference follows from the robot; to change it, give some of these in reference=: {told}")
         supervisor = None
         if not opened.within:  # such servos end with this process: nobody would be left to guard
@@ -344,9 +342,11 @@ def report(deployment: Deployment, done: Run, say: Callable[[str], None] = print
 
 
 def _on_a_stand(deployment: Deployment) -> str:
-    """What helps a simulated robot that falls: nothing balances a free base."""
+    """What helps a simulated robot that falls where nothing balances its free base."""
     file = deployment.robot.robot.file
     if file is None or file.base != "free" or deployment.config["hw"]["virtual"] is None:
+        return ""
+    if isinstance(deployment.commands, PolicyCommands | TaskReference):  # whose task may be to balance it
         return ""
     return " Nothing balances the virtual machine's free base: `base: fixed` in its YAML puts it on a stand."
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -74,6 +75,22 @@ class TaskReference:
         found = BaseLayout(self.task.robot, self._robot.params).values_of(drivetrain.model, qpos[0])
         start = dict(zip(self._robot.names, self.start().tolist(), strict=True))
         return {name: start.get(name, value) for name, value in found.items()}
+
+    def deciding(self) -> dict[str, float]:
+        """Those of :attr:`fitted` that the goals depend on: others are of the reward, or ranges of commands."""
+        time = np.linspace(0.05, 1.25, 7)  # no whole number of steps of a usual gait apart
+        command = self.task.commands(np.random.default_rng(0).random((len(time), self.task.draws)))
+
+        def goals(task: Task) -> np.ndarray:
+            found = task.reference(time, command, self._numbers)
+            assert found is not None
+            return found[0]
+
+        plain, said = goals(self.task), {}
+        for name, value in self.fitted.items():
+            if np.isscalar(value) and np.any(goals(replace(self.task, **{name: 1.1 * value + 0.01})) != plain):
+                said[name] = value
+        return said
 
     def start(self) -> np.ndarray:
         return self._at(0.0, None if self.asked is None else self.asked.still())

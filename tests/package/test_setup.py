@@ -96,6 +96,7 @@ def test_every_script_has_a_help_page(
     page = capsys.readouterr()
     assert not ended.value.code and not page.err
     assert f"sealegs {script.removesuffix('.py').replace('_', '-')}" in page.out
+    assert "\n  robot=" not in page.out or all(name in page.out for name in ROBOT_NAMES)
 
 
 def test_make_help_lists_every_command() -> None:
