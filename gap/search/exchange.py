@@ -30,17 +30,29 @@ def exchanged(searcher: Rounds, found: Found) -> bool:
         are those that asked.
     """
     places = [k for k, candidate in enumerate(found.accepted) if candidate.cause.key != found.settled]
-    return any(_asked(searcher, found, place) for place in places)
+    start, without = middle(*found.current.fits), dict[int, Judged]()
+    for place in places:
+        others = [candidate for k, candidate in enumerate(found.accepted) if k != place]
+        without[place] = searcher.judged(searcher.fit_both(searcher.parameters(others), start))
+    left = {place: searcher.excess(model.fits) for place, model in without.items()}
+    # what nothing needs goes first: what stays is then asked for once, and among fewer
+    places.sort(key=lambda place: not decide.finished(left[place], searcher.settings))
+    return any(_asked(searcher, found, place, without[place], left[place]) for place in places)
 
 
-def _asked(searcher: Rounds, found: Found, place: int) -> bool:
-    """Ask of one cause; whether another stands in its place now, or none."""
+def _asked(searcher: Rounds, found: Found, place: int, without: Judged, begin: float) -> bool:
+    """Ask of one cause; whether another stands in its place now, or none.
+
+    Args:
+        searcher: of the joint.
+        found: until now.
+        place: of the cause.
+        without: the model with the others alone.
+        begin: what that leaves beyond the noise.
+    """
     own = searcher.candidate(found.accepted[place].cause, found.accepted[place].variant, found.current)
     key, others = own.cause.key, [candidate for k, candidate in enumerate(found.accepted) if k != place]
     searcher.progress(f"asking whether another cause does better in the place of {key}")
-    start = middle(*found.current.fits)
-    without = searcher.judged(searcher.fit_both(searcher.parameters(others), start))
-    begin = searcher.excess(without.fits)
     fitted, at = [own], [k for k, step in enumerate(found.rounds) if step.accepted][place]
     if not decide.finished(begin, searcher.settings):
         shown = searcher.open_causes(found.accepted, replaced=True)  # what stood here is a rival still

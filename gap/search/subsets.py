@@ -8,7 +8,7 @@ the best of each size are fitted, and the quadratic is taken anew about the best
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,6 +80,10 @@ class Choice:
         cost = self.charged(np.array([fitted.cost]), flexible, np.array([len(forms)]), max(fitted.cost, 1.0))
         return Subset(forms, fitted, float(cost[0]))
 
+    def least(self, forms: Forms, cost: float) -> float:
+        """What causes cost with their charge where they fit so well."""
+        return self.subset(forms, Fit({}, np.empty(0), cost)).charged
+
     def charged(self, costs: np.ndarray, flexible: np.ndarray, counts: np.ndarray, level: float) -> np.ndarray:
         """Costs (s,) with a charge for each parameter, and for each further cause that leaves much.
 
@@ -110,27 +114,47 @@ def flexibility(cause: Cause, variant: Variant) -> int:
     return len(variant) + (not cause.error) + (not cause.is_usual(variant))
 
 
-def best_subset(choice: Choice, full: Fit) -> Subset:
+def best_subset(choice: Choice, full: Fit, needed: Forms = (), other: Subset | None = None) -> Subset:
     """The subset of the causes whose charged cost is least.
+
+    None with two causes more than the best is fitted that could not be it if it fitted as well as any does.
 
     Args:
         choice: the causes.
         full: the fit with all of them.
+        needed: causes that each subset has.
+        other: what it must be better than, and else is what is returned; None: nothing, and nothing is needed.
     """
     known: dict[Forms, Subset] = {}
-    choice = _acting(choice, full)
-    best, here = None, replace(full, values={**neutral(choice), **full.values})
+    choice, least = _acting(choice, full), full.cost
+    if not set(needed) <= set(choice.forms):
+        assert other is not None  # nothing that is needed does anything
+        return other
+    last, here = None, replace(full, values={**neutral(choice), **full.values})
     for _ in range(ROUNDS):
-        for forms, promise in _foreseen(choice, here):
-            if forms not in known or promise < known[forms].charged:
-                one = choice.fitted(forms, here.values)
-                known[forms] = min(known.get(forms, one), one, key=lambda each: each.charged)
-        last, best = best, min(known.values(), key=lambda one: one.charged)
-        if last is not None and best.forms == last.forms:
+        for forms, promise in _foreseen(choice, here, needed):
+            if forms in known and promise >= known[forms].charged:
+                continue
+            least = min([least, *(one.fit.cost for one in known.values())])
+            best = _least_charged(known, other)
+            # one cause more may leave a local minimum in which the others are
+            large = best is not None and len(forms) > len(best.forms) + 1
+            if best is not None and large and choice.least(forms, least) >= best.charged:
+                continue
+            one = choice.fitted(forms, here.values)
+            known[forms] = min(known.get(forms, one), one, key=lambda each: each.charged)
+        if (best := _least_charged(known)) is None or best.forms == last:
             break
-        here = replace(best.fit, values={**neutral(choice), **best.fit.values})
-    assert best is not None  # no causes at all are a subset
-    return best
+        last, here = best.forms, replace(best.fit, values={**neutral(choice), **best.fit.values})
+    found = _least_charged(known, other)
+    assert found is not None  # no causes at all are a subset
+    return found
+
+
+def _least_charged(known: Mapping[Forms, Subset], other: Subset | None = None) -> Subset | None:
+    """Of fitted subsets the one whose charged cost is least; None: there is none."""
+    every = [*known.values(), *([] if other is None else [other])]
+    return min(every, key=lambda one: one.charged, default=None)
 
 
 def _acting(choice: Choice, full: Fit) -> Choice:
@@ -148,11 +172,11 @@ def neutral(choice: Choice) -> dict[str, float]:
     return {p.path: p.from_fit(p.nothing(choice.nominal)) for p in choice.parameters(choice.forms)}
 
 
-def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
+def _foreseen(choice: Choice, here: Fit, needed: Forms = ()) -> list[tuple[Forms, float]]:
     """Subsets that are worth a fit, by the quadratic about one: the best of each size, up to one more than the best.
 
     Returns:
-        Each with its charged cost by the quadratic.
+        Each with its charged cost by the quadratic, the smallest first.
     """
     parameters = choice.parameters(choice.forms)
     optimum, covariance, least = _quadratic(choice, parameters, here)
@@ -168,6 +192,7 @@ def _foreseen(choice: Choice, here: Fit) -> list[tuple[Forms, float]]:
     slack = np.array([_slack(p, known.get(p.number)) for p in parameters])[own]
     slack /= choice.charge * max(here.cost, 1.0)
     chosen = _subsets(choice.forms)
+    chosen = chosen[chosen[:, [form in needed for form in choice.forms]].all(axis=1)]
     costs = (
         np.concatenate([_without(covariance, slack, back, some @ acts) for some in np.array_split(chosen, 64)]) + least
     )

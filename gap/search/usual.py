@@ -52,7 +52,7 @@ def usual_causes(searcher: Rounds) -> Subset | None:
     best = best_subset(choice, looked(choice.problem, choice.parameters(choice.forms), shown))
     play = next((cause for cause in searcher.shown if cause.name == PLAY), None)
     if play is not None and not decide.finished(best.fit.cost - 1.0, searcher.settings):
-        best = min(best, _with_play(searcher, choice, best, play), key=lambda one: one.charged)
+        best = _with_play(searcher, choice, best, play)
     return best
 
 
@@ -86,7 +86,7 @@ def _choice(searcher: Rounds, forms: Forms) -> Choice:
 
 
 def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> Subset:
-    """The best with play, of all its laws; motor and link then turn apart."""
+    """The best with play, of all its laws, if it is better than the best without; motor and link then turn apart."""
     apart = (cause.parted() for cause in dict.fromkeys(cause for cause, _ in choice.forms))
     at_motor = tuple(form for cause in apart for form in forms_of(cause))
     ways = [replace(choice, forms=(*at_motor, (play, variant))) for variant in play.variants]
@@ -96,8 +96,12 @@ def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> 
         full = way.fitted(way.forms, start, searcher.settings.iterations)
         law = frozenset(p.path for p in way.forms[-1][1])
         laws[law] = min(laws.get(law, (full, way)), (full, way), key=lambda pair: pair[0].charged)
-    best = min((best_subset(way, full.fit) for full, way in laws.values()), key=lambda one: one.charged)
-    return best if PLAY in best.keys else usual
+    best = usual
+    for full, way in sorted(laws.values(), key=lambda pair: pair[0].fit.cost):
+        needed = way.forms[-1:]
+        if way.least(needed, full.fit.cost) < best.charged:
+            best = best_subset(way, full.fit, needed, best)
+    return best
 
 
 def _accept(searcher: Rounds, found: Found, cause: Cause, variant: Variant, fitted: Fit) -> bool:
