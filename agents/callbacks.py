@@ -254,7 +254,8 @@ class EpisodeTerms(BaseCallback):
         for name in episodes[-1] if episodes else ():
             kind, _, rest = name.partition("_")
             if kind in ("reward", "servo", "error") and rest:
-                self.logger.record(f"{kind}/{rest.partition(' [')[0]}", float(np.mean([episode[name] for episode in episodes])))
+                curve = f"{kind}/{rest.partition(' [')[0]}"
+                self.logger.record(curve, float(np.mean([episode[name] for episode in episodes])))
         for name, values in self._flags.items():
             self.logger.record(f"actuator/{name}", float(np.mean(values)))
 

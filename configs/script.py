@@ -17,7 +17,7 @@ from ..common.errors import SealegsError
 from ..common.extras import missing_package
 from .compose import FOLDER, choices, groups
 
-OTHER_ROBOTS = "         or quadruped, rover, small_biped, which files describe, and the .yaml, .xml or .urdf of your own"
+OTHER_ROBOTS = "         or quadruped, rover, small_biped, which files describe, or the .yaml, .xml or .urdf of yours"
 BAD_INPUT = 2
 INTERRUPTED = 130
 

@@ -21,6 +21,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from sealegs.common.extras import CORE as BROUGHT
 from sealegs.common.extras import EXTRAS, MissingPackage, needed_for
+from sealegs.envs.robots import NAMES
 
 from tests.conftest import in_share
 
@@ -96,7 +97,7 @@ def test_every_script_has_a_help_page(
     page = capsys.readouterr()
     assert not ended.value.code and not page.err
     assert f"sealegs {script.removesuffix('.py').replace('_', '-')}" in page.out
-    assert "\n  robot=" not in page.out or all(name in page.out for name in ROBOT_NAMES)
+    assert "\n  robot=" not in page.out or all(name in page.out for name in NAMES)
 
 
 def test_make_help_lists_every_command() -> None:
