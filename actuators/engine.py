@@ -16,7 +16,6 @@ from typing import Any
 
 import mujoco
 import numba
-import numpy as np
 from llvmlite import ir
 from mujoco.introspect import ast_nodes, structs
 from numba import types  # pyright: ignore[reportPrivateImportUsage]
@@ -32,7 +31,6 @@ from .layout import (
     P_DOF,
     P_FRICTION_ID,
     P_FRICTION_KIND,
-    P_LENGTH,
     P_LOAD_FACTOR,
     P_LOAD_STATE,
     P_OWN_FRICTION,
@@ -423,9 +421,3 @@ def _router(ours: int, foreign: int) -> Any:
         return call_bias(foreign, model, data, actuator)
 
     return route
-
-
-def program_of(model: mujoco.MjModel, actuator: int) -> np.ndarray:
-    """The program of one of our actuators, a view into ``model.actuator_user``."""
-    row = model.actuator_user[actuator]
-    return row[: int(row[P_LENGTH])]

@@ -434,21 +434,3 @@ def _array(file: Mapping[str, np.ndarray], key: str) -> np.ndarray | None:
             raise
         return None
     return found if isinstance(found, np.ndarray) else None
-
-
-def load_array(path: str | Path, most: int, name: object = None) -> np.ndarray:
-    """The one array of a file (``.npy``); see :func:`load_arrays`.
-
-    Raises:
-        DocumentError: it cannot be opened, is no such file, is larger, or holds Python objects.
-    """
-    name = path if name is None else name
-    regular(path, most, name)
-    try:
-        with open(path, "rb") as file:
-            return np.lib.format.read_array(file, allow_pickle=False)
-    except Exception as error:
-        said = f"is no array (np.save), or a damaged one: {error}"
-        if "pickle" in str(error):
-            said = "holds Python objects, which are not loaded, for they can run any code"
-        raise DocumentError(name, said) from None
