@@ -92,7 +92,8 @@ def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> 
     ways = [replace(choice, forms=(*at_motor, (play, variant))) for variant in play.variants]
     start = {**neutral(replace(choice, forms=at_motor)), **usual.fit.values}  # of play, where its form begins
     laws: dict[frozenset[str], tuple[Subset, Choice]] = {}  # of one law, the start from which it fits best
-    for way in ways:
+    for number, way in enumerate(ways, 1):
+        searcher.progress(f"fitting them with play, form {number} of {len(ways)}")
         full = way.fitted(way.forms, start, searcher.settings.iterations)
         law = frozenset(p.path for p in way.forms[-1][1])
         laws[law] = min(laws.get(law, (full, way)), (full, way), key=lambda pair: pair[0].charged)
@@ -100,6 +101,7 @@ def _with_play(searcher: Rounds, choice: Choice, usual: Subset, play: Cause) -> 
     for full, way in sorted(laws.values(), key=lambda pair: pair[0].fit.cost):
         needed = way.forms[-1:]
         if way.least(needed, full.fit.cost) < best.charged:
+            searcher.progress("asking which of them the log can do without")
             best = best_subset(way, full.fit, needed, best)
     return best
 
