@@ -88,7 +88,9 @@ class TaskReference:
 
         plain, said = goals(self.task), {}
         for name, value in self.fitted.items():
-            if np.isscalar(value) and np.any(goals(replace(self.task, **{name: 1.1 * value + 0.01})) != plain):
+            if isinstance(value, int | float) and np.any(
+                goals(replace(self.task, **{name: 1.1 * value + 0.01})) != plain
+            ):
                 said[name] = value
         return said
 
