@@ -174,7 +174,7 @@ def test_numbers_of_a_stage_of_a_file_are_fitted_to_a_machine_that_has_the_effec
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("way", ["named", "installed"])
+@pytest.mark.parametrize("way", ["named", pytest.param("installed", marks=pytest.mark.weekly)])
 def test_a_hidden_effect_of_no_catalogue_is_named_by_one_file_from_outside(
     way: str, tmp_path: Path, installed: Path
 ) -> None:

@@ -142,7 +142,9 @@ def test_a_command_is_asked_for_where_the_sidecar_names_a_drive_and_refused_wher
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["mimic", "unlogged", "passive"])
+@pytest.mark.parametrize(
+    "kind", ["unlogged", *(pytest.param(one, marks=pytest.mark.weekly) for one in ("mimic", "passive"))]
+)
 def test_friction_of_the_elbow_is_named_beside_joints_without_columns(kind: str, tmp_path: Path) -> None:
     if kind == "passive":
         data = swinging(tmp_path, FRICTION, runs=2, duration=10.0)

@@ -278,7 +278,13 @@ def test_what_a_shoulder_feels_of_its_forearm_is_not_added_to_the_upper_arm_too(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("number", "part"), [("load.extra_inertia", "link"), ("load.rotor_inertia", "rotor")])
+@pytest.mark.parametrize(
+    ("number", "part"),
+    [
+        ("load.extra_inertia", "link"),
+        pytest.param("load.rotor_inertia", "rotor", marks=pytest.mark.weekly),
+    ],
+)
 def test_the_inertia_of_a_forearm_is_told_from_that_of_its_rotor(tmp_path: Path, number: str, part: str) -> None:
     """Where the shoulder swings the forearm. Masses, centres and strengths of the drive were named, as certain."""
     path, more = tmp_path / "two.xml", 0.006

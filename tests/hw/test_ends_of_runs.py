@@ -420,7 +420,10 @@ def test_a_hopper_ends_well_wherever_its_policy_leaves_it(start: int) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("kind", "starts"), [("hopper", 25), *((kind, 3) for kind in KINDS if kind != "hopper")])
+@pytest.mark.parametrize(
+    ("kind", "starts"),
+    [pytest.param("hopper", 25, marks=pytest.mark.weekly), *((kind, 3) for kind in KINDS if kind != "hopper")],
+)
 def test_every_robot_ends_well_wherever_its_policy_leaves_it(kind: str, starts: int) -> None:
     for start in range(100, 100 + starts):
         row = many_starts.end(committed(kind), start)

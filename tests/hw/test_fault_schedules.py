@@ -259,8 +259,8 @@ RUNS: dict[str, Callable[[int, Path], Simulation]] = {
 }
 """Robots with what moves them: those of one adapter by maker, two adapters, and the committed policy of each walker."""
 QUICK = {"two": 2}
-DAILY = {"feetech": 60, "dynamixel": 60, "two": 60, "hopper": 12, "biped": 6, "hexapod": 4}
-WEEKLY = {"feetech": 200, "dynamixel": 200}
+DAILY = {"feetech": 30, "dynamixel": 30, "two": 30, "hopper": 6, "biped": 3, "hexapod": 2}
+WEEKLY = {"feetech": 200, "dynamixel": 200, "two": 60, "hopper": 12, "biped": 6, "hexapod": 4}
 MIXED = [*7 * ["feetech", "dynamixel", "two", "two"], "feetech", "biped", "hexapod"]
 """Of seeds that are asked for, one after the other."""
 

@@ -29,10 +29,10 @@ def diagnosed(effects: dict[str, Any], seed: int, duration: float = 9.0) -> Join
     ("effect", "path", "true"),
     [
         ("friction.load_dependent", "friction.load", 0.133),
-        ("sensor.delay", "encoder.latency", 0.00408),
-        ("friction.drag", "friction.drag", 0.00837),
-        ("drive.acceleration_limit", "rate_limit.acceleration", 40.0),
-        ("drive.goal_filter", "goal_filter.time_constant", 0.00527),
+        pytest.param("sensor.delay", "encoder.latency", 0.00408, marks=pytest.mark.weekly),
+        pytest.param("friction.drag", "friction.drag", 0.00837, marks=pytest.mark.weekly),
+        pytest.param("drive.acceleration_limit", "rate_limit.acceleration", 40.0, marks=pytest.mark.weekly),
+        pytest.param("drive.goal_filter", "goal_filter.time_constant", 0.00527, marks=pytest.mark.weekly),
     ],
 )
 def test_a_clear_effect_is_named_with_its_size(effect: str, path: str, true: float) -> None:
