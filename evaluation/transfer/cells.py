@@ -381,7 +381,7 @@ class PlantEngine:
         reward = np.sum(list(terms.values()), axis=0)
         return Step(
             observation, reward=reward, terminated=never, truncated=truncated, terms=terms, flags={"unstable": never},
-            servo={}, done=done, final_observation=final,
+            servo={}, errors=self.task.errors(motion), done=done, final_observation=final,
         )  # fmt: skip
 
     def motion(self, previous: np.ndarray) -> Motion:
