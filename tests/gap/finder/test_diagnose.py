@@ -340,7 +340,7 @@ def test_a_duty_that_holds_a_speed_is_no_column_that_is_stuck(tmp_path: Path, se
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.weekly) for seed in (0, 1))])
 def test_nothing_is_named_of_a_wheel_that_hides_nothing(tmp_path: Path, seed: int) -> None:
     """Of all causes that there are, none; nor an error of the log, nor a number that was refitted."""
     columns, sidecar = logged(tmp_path, {}, seed=seed)
