@@ -207,7 +207,7 @@ class Evaluation(EvalCallback):
 
     def failures(self) -> int:
         """How many of these episodes ended before their time."""
-        return sum(row["failed"] for row in self._ended)
+        return sum(bool(row["failed"]) for row in self._ended)
 
     def rewards(self) -> np.ndarray:
         """Of the episodes of the latest evaluation (n,)."""
