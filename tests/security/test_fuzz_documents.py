@@ -1,6 +1,6 @@
 """Documents that people give, spoiled in thousands of ways: none runs, opens or hangs anything, each gets a sentence.
 
-``make test`` reads some of each kind, ``make test-all`` 2,000, ``make fuzz`` as many as one likes, from another seed.
+``make test`` reads some of each kind, ``make test-all`` 1,000, ``make fuzz`` as many as one likes, from another seed.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from tests.fuzzing import (
     watched,
 )
 
-FEW, MANY = 40, 2_000
+FEW, MANY = 40, 1_000
 ASKED = int(os.environ.get("SEALEGS_FUZZ", "0"))
 """Inputs a kind that ``make fuzz`` asks for, from the seed beside it."""
 SEED = int(os.environ.get("SEALEGS_FUZZ_SEED", "0"))
