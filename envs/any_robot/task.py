@@ -134,13 +134,15 @@ class AnyRobotTask(Task):
 
     def away(self, motion: Motion, target: np.ndarray) -> dict[str, np.ndarray]:
         """Root mean square errors of joints that turn and of joints that slide from their targets (n, k)."""
-        error, units = motion.link - target, np.array([self.robot.unit(name) for name in self.names])
+        error = motion.link - target
+        return {name: np.sqrt((error[:, columns] ** 2).mean(axis=1)) for name, columns in self._by_unit.items()}
+
+    @cached_property
+    def _by_unit(self) -> dict[str, np.ndarray]:
+        """Which coordinates turn and which slide (k,), by the name of their error, found once and not in each step."""
         said = {"rad": "joints from their targets", "m": "slides from their targets"}
-        return {
-            f"{words} [{unit}]": np.sqrt((error[:, units == unit] ** 2).mean(axis=1))
-            for unit, words in said.items()
-            if (units == unit).any()
-        }
+        units = np.array([self.robot.unit(name) for name in self.names])
+        return {f"{words} [{unit}]": units == unit for unit, words in said.items() if (units == unit).any()}
 
     def failed(self, motion: Motion) -> np.ndarray:
         return np.zeros(len(motion.action), dtype=bool)

@@ -302,7 +302,7 @@ def _turn(lags: Sequence[list[_Rows]]) -> tuple[np.ndarray, np.ndarray]:
     while the robot turns, a lag looks like a turn, and is known only as well as feet and floor are.
 
     Args:
-        lags: blocks of all runs, at the lag that was found and at a deviation of it to both sides.
+        lags: blocks of all runs, at the lag that was found and at one and a half deviations of it to both sides.
     """
     blocks, *others = lags
 

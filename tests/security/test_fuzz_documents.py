@@ -1,6 +1,7 @@
 """Documents that people give, spoiled in thousands of ways: none runs, opens or hangs anything, each gets a sentence.
 
-``make test`` reads some of each kind, ``make test-all`` 1,000, ``make fuzz`` as many as one likes, from another seed.
+``make test`` reads some of each kind, ``make test-all`` 1,000 and ``make test-weekly`` 2,000. ``make fuzz`` reads
+as many as one likes, from another seed.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ from tests.fuzzing import (
     watched,
 )
 
-FEW, MANY = 40, 1_000
+FEW, MANY = 40, 1_000  # inputs of a kind; twice as many weekly
 ASKED = int(os.environ.get("SEALEGS_FUZZ", "0"))
 """Inputs a kind that ``make fuzz`` asks for, from the seed beside it."""
 SEED = int(os.environ.get("SEALEGS_FUZZ_SEED", "0"))
@@ -428,6 +429,7 @@ def test_spoiled_documents_get_a_sentence_and_do_nothing(name: str, folder: Path
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("count", [MANY, pytest.param(2 * MANY, marks=pytest.mark.weekly)])
 @pytest.mark.parametrize("name", KINDS)
-def test_thousands_of_spoiled_documents_get_a_sentence_and_do_nothing(name: str, folder: Path) -> None:
-    attack(KINDS[name], folder, MANY, 0)
+def test_thousands_of_spoiled_documents_get_a_sentence_and_do_nothing(name: str, count: int, folder: Path) -> None:
+    attack(KINDS[name], folder, count, 0)
