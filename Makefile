@@ -35,9 +35,9 @@ test: $(INSTALLED) $(LINKS) ## lint, and the tests that take seconds
 	$(LAYERS)
 	@$(MAKE) --no-print-directory pytest
 
-test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the tests that take half an hour
+test-all: $(INSTALLED) $(LINKS) ## what `make test` leaves out: types, and the tests that take half an hour; SHARE=0/3: a third of them
 	@$(MAKE) --no-print-directory types
-	$(PYTEST) --durations=80 -m "long and not weekly"
+	$(PYTEST) --durations=80 -m "long and not weekly" $(if $(SHARE),--share $(SHARE))
 
 test-weekly: $(INSTALLED) ## the tests of a minute and more, which `make test-all` leaves out; SHARE=0/8: an eighth of them
 	$(PYTEST) -m weekly $(if $(SHARE),--share $(SHARE))

@@ -121,15 +121,17 @@ def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
 
 
-def test_continuous_integration_runs_all_tests_but_the_longest_every_day_and_an_eighth_of_those_each_sunday() -> None:
+def test_continuous_integration_runs_all_quick_tests_a_third_of_the_long_ones_and_on_sundays_an_eighth_of_the_longest() -> None:
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
     lines = [line.strip() for line in script.read_text().splitlines()]
     weekly = 'make test-weekly SHARE="$((10#$(date +%V) % 8))/8"'
-    assert lines[-5:] == ["make test", "make test-all", 'if [ "$(date +%u)" = 7 ]; then', weekly, "fi"]
+    daily = 'make test-all SHARE="$(($(date +%s) / 86400 % 3))/3"'
+    assert lines[-5:] == ["make test", daily, 'if [ "$(date +%u)" = 7 ]; then', weekly, "fi"]
     makefile = (REPOSITORY / "Makefile").read_text()
     assert all(f'-m "{chosen}"' in makefile for chosen in ("not long", "long and not weekly"))
     assert "-m weekly $(if $(SHARE),--share $(SHARE))" in makefile
+    assert '-m "long and not weekly" $(if $(SHARE),--share $(SHARE))' in makefile
 
 
 def test_each_test_is_of_one_share(request: pytest.FixtureRequest) -> None:
