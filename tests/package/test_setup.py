@@ -121,7 +121,9 @@ def test_make_clean_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert all(file.exists() for file in kept) and not any(file.exists() for file in removed)
 
 
-def test_continuous_integration_runs_all_quick_tests_a_third_of_the_long_ones_and_on_sundays_an_eighth_of_the_longest() -> None:
+def test_continuous_integration_runs_quick_tests_a_third_of_the_long_ones_and_on_sundays_an_eighth_of_the_longest() -> (
+    None
+):
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
     lines = [line.strip() for line in script.read_text().splitlines()]
