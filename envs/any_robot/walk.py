@@ -89,13 +89,22 @@ class Tried(NamedTuple):
     """How a robot does by its reference gait alone: falls of some simulations, and how those that stood were off.
 
     In tolerances of the reward; and the shares of the way forward, sideways and about the vertical that they made (3,),
-    1 where nothing is asked for, and what they made of it whatever was asked for (3,) [m/s, m/s, rad/s].
+    1 where nothing is asked for, and what they made of it whatever was asked for (3,) [m/s, m/s, rad/s]. Standing still
+    would be ``still`` tolerances off.
     """
 
     falls: int
     off: float
     way: tuple[float, ...]
     drift: tuple[float, ...]
+    still: float
+
+    def warning(self) -> str:
+        """What is wrong with such a gait, for a sentence; "": nothing."""
+        said = [f"falls in {self.falls} of {STRIDE_TRIALS} trials"] if self.falls else []
+        if np.isfinite(self.off) and 0.0 < self.still <= self.off:
+            said.append(f"is {self.off / self.still:.2g} times as far from what is asked for as standing still is")
+        return " and ".join(said)
 
 
 def tried(engine: BatchEngine) -> Tried:
@@ -104,23 +113,24 @@ def tried(engine: BatchEngine) -> Tried:
     assert isinstance(task, WalkTask)
     engine.seed(0)
     engine.reset()
-    still = np.zeros((engine.num_envs, len(engine.action_names)))
+    none = np.zeros((engine.num_envs, len(engine.action_names)))
     fallen, seen = np.zeros(engine.num_envs, bool), []
     for step in range(round(TRIAL_TIME / engine.dt)):
-        fallen |= engine.step(still).terminated
+        fallen |= engine.step(none).terminated
         if step * engine.dt >= 0.25 * TRIAL_TIME:
-            velocity, turn, _ = task.velocity(engine.motion(still))
+            velocity, turn, _ = task.velocity(engine.motion(none))
             seen.append(np.column_stack([velocity[:, :2], turn]))
     if fallen.all():
-        return Tried(len(fallen), np.inf, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-    asked, done = engine.motion(still).command[~fallen], np.mean(seen, axis=0)[~fallen]
+        return Tried(len(fallen), np.inf, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), 0.0)
+    asked, done = engine.motion(none).command[~fallen], np.mean(seen, axis=0)[~fallen]
     ranging = np.ptp(asked, axis=0) > 0.0  # of one command alone, nothing tells what is made whatever is asked for
     about = np.where(ranging, asked.mean(axis=0), 0.0)
     size = ((asked - about) ** 2).sum(axis=0)
     way = np.where(size > 0.0, ((asked - about) * done).sum(axis=0) / np.maximum(size, 1e-12), 1.0)
     drift = np.where(ranging | (size == 0.0), done.mean(axis=0) - way * asked.mean(axis=0), 0.0)
-    off = np.abs(done - asked) / [task.sizes.tolerance, task.sizes.tolerance, task.sizes.turn_tolerance]
-    return Tried(int(fallen.sum()), float(off.mean()), tuple(way.tolist()), tuple(drift.tolist()))
+    tolerance = [task.sizes.tolerance, task.sizes.tolerance, task.sizes.turn_tolerance]
+    off, still = (float(np.mean(np.abs(each) / tolerance)) for each in (done - asked, asked))
+    return Tried(int(fallen.sum()), off, tuple(way.tolist()), tuple(drift.tolist()), still)
 
 
 def _short(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
@@ -255,6 +265,12 @@ class WalkTask(Commanded):
             task = replace(self, **{name: kept[name] for name in names if name in left_open})
             if task != best and (other := tried(trial(task, STRIDE_TRIALS))) < found._replace(off=least * found.off):
                 best, found = task, other
+        if warning := found.warning():
+            print(
+                f"{self.robot.name}: its reference gait {warning}. A lower cadence, smaller commands or the chain of "
+                "its real servos may help; else train with a larger correction.",
+                file=sys.stderr,
+            )
         return best
 
     def averaged(self) -> float:

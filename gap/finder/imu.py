@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -167,25 +168,43 @@ class Legs:
 
 def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, Frame]) -> Legs | None:
     """The IMU beside what the legs ask of the base; None where they tell too little."""
-    pairs: list[_Beside] = []
+    ways: list[list[_Beside]] = []
     delay, bias = _believed(runs[0], robot)
     robot = _switched(robot, runs[0])
     for run in runs:
-        log = imu_of(run)
-        ways = [] if log is None else [_beside(log, base, delay) for base in carried(robot, run, frames)]
-        told = [way for way in ways if way is not None]
-        if told:
-            pairs.append(max(told, key=lambda way: way.explained))
-    if not pairs:
+        if (log := imu_of(run)) is not None:
+            told = [way for base in carried(robot, run, frames) if (way := _beside(log, base, delay)) is not None]
+            told.sort(key=lambda way: -way.explained)
+            ways.append([way for way in told if 1.0 - way.explained <= ALIKE * (1.0 - told[0].explained)])
+    ways = [told for told in ways if told]
+    if not ways:
         return None
-    found = match([(one.log.time, one.rate, one.asked_rate) for one in pairs], EARLIEST_LAG, delay + IMU_LAG_REACH)
-    if found is None:
+
+    def matched(grounds: Sequence[_Beside]) -> Match | None:
+        pairs = [(one.log.time, one.rate, one.asked_rate) for one in grounds]
+        return match(pairs, EARLIEST_LAG, delay + IMU_LAG_REACH)
+
+    def blocks(grounds: Sequence[_Beside], lag: float) -> list[_Rows]:
+        return [block for one in grounds for block in one.blocks(lag)]
+
+    pairs = [told[0] for told in ways]
+    best = matched(pairs)
+    if best is None:
         return None
-    near = (found.lag, found.lag - 0.5 * MIN_EXTRA_DELAY, found.lag + 0.5 * MIN_EXTRA_DELAY)
-    turned = _turn([[block for one in pairs for block in one.blocks(lag)] for lag in near])
+    lags, elsewhere = [best.lag], []
+    for k in range(1, max(map(len, ways))):
+        others = [told[k] if k < len(told) else told[0] for told in ways]
+        if (other := matched(others)) is not None:
+            lags.append(other.lag)
+            elsewhere.append(blocks(others, other.lag))
+    near = (best.lag, best.lag - 0.5 * MIN_EXTRA_DELAY, best.lag + 0.5 * MIN_EXTRA_DELAY)
+    turned = _turn([blocks(pairs, lag) for lag in near], elsewhere)
+    ends = best.low <= EARLIEST_LAG + 1e-6  # where the search does: it stays there
+    later = 0.0 if ends else float(np.mean(lags)) - best.lag
+    found = replace(best, lag=best.lag + later, low=best.low + later, high=best.high + later)
     names = [] if robot.imu is None else [switch.name for switch in robot.imu.switches]
     logged = bool(names) and all(name in one.log.switches for name in names for one in pairs)
-    contacts = [block for one in pairs for block in one.contacts(found.lag, names)] if logged else []
+    contacts = [block for one in pairs for block in one.contacts(best.lag, names)] if logged else []
     switched = Switched(names, contacts) if contacts else None
     return Legs(found, *turned, (delay, bias), switched)
 
@@ -293,43 +312,49 @@ def _in_blocks(time: Array) -> list[np.ndarray]:
     return np.array_split(np.arange(len(time)), count) if count else []
 
 
-def _turn(lags: Sequence[list[_Rows]]) -> tuple[np.ndarray, np.ndarray]:
+def _turn(lags: Sequence[list[_Rows]], elsewhere: Sequence[list[_Rows]] = ()) -> tuple[np.ndarray, np.ndarray]:
     """The turn (3,) [rad] that makes what was measured what the legs ask for, and its standard deviation.
 
-    The turn rates tell it about all axes, gravity about the level ones, each weighed by what it leaves. About the
-    vertical its deviation is the crosstalk of the level axes at least: where feet slip or the robot trips, what the
-    legs ask for is off in many ways, of which a turn is only one. And where the base swings in circles, as it does
-    while the robot turns, a lag looks like a turn, and is known only as well as feet and floor are.
+    About the vertical its deviation is the crosstalk of the level axes at least: where feet slip or the robot trips,
+    what the legs ask for is off in many ways, of which a turn is only one. Where the base swings in circles, as it does
+    while the robot turns, a lag looks like a turn, and is known only as well as feet and floor are. And a turn is known
+    as well as those grounds agree that explain the IMU alike.
 
     Args:
         lags: blocks of all runs, at the lag that was found and at one and a half deviations of it to both sides.
+        elsewhere: blocks on each further ground.
     """
     blocks, *others = lags
-
-    def solved(chosen: Sequence[_Rows]) -> np.ndarray:
-        turned = np.zeros(3)
-        for _ in range(4):
-            turn = turns.of_vector(turned)
-            slope, error = np.zeros((3, 3)), np.zeros(3)
-            for measured, asked in (("rate", "asked_rate"), ("down", "asked_down")):
-                first = np.concatenate([getattr(block, measured) for block in chosen])
-                second = turns.applied(turn, np.concatenate([getattr(block, asked) for block in chosen]))
-                left = first - second
-                weight = 1.0 / max(float(np.mean(left**2)), 1e-12)
-                # a further small turn d changes what is asked for by d x it
-                size = (second**2).sum()
-                slope += weight * (size * np.eye(3) - second.T @ second)
-                error += weight * np.cross(second, left).sum(axis=0)
-            turned = turns.to_vector(turns.multiply(turns.of_vector(np.linalg.solve(slope, error)), turn))
-        return turned
-
     random = np.random.default_rng(0)
-    drawn = [solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(TURN_DRAWS)]
-    turned, spread = solved(blocks), np.std(drawn, axis=0)
-    early, late = (solved(chosen) for chosen in others)
-    spread = np.hypot(spread, 0.5 * np.abs(late - early))
+    drawn = [_solved([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]) for _ in range(TURN_DRAWS)]
+    turned, spread = _solved(blocks), np.std(drawn, axis=0)
+    early, late = (_solved(chosen) for chosen in others)
+    ways = [turned, *map(_solved, elsewhere)]
+    spread = np.sqrt(spread**2 + 0.25 * (early - late) ** 2 + np.var(ways, axis=0))
     spread[2] = max(spread[2], _crosstalk(blocks))
-    return -turned, spread
+    return -np.mean(ways, axis=0), spread
+
+
+def _solved(blocks: Sequence[_Rows]) -> np.ndarray:
+    """The turn (3,) [rad] of what the legs ask for that makes it what was measured.
+
+    The turn rates tell it about all axes, gravity about the level ones, each weighed by what it leaves.
+    """
+    turned = np.zeros(3)
+    for _ in range(4):
+        turn = turns.of_vector(turned)
+        slope, error = np.zeros((3, 3)), np.zeros(3)
+        for measured, asked in (("rate", "asked_rate"), ("down", "asked_down")):
+            first = np.concatenate([getattr(block, measured) for block in blocks])
+            second = turns.applied(turn, np.concatenate([getattr(block, asked) for block in blocks]))
+            left = first - second
+            weight = 1.0 / max(float(np.mean(left**2)), 1e-12)
+            # a further small turn d changes what is asked for by d x it
+            size = (second**2).sum()
+            slope += weight * (size * np.eye(3) - second.T @ second)
+            error += weight * np.cross(second, left).sum(axis=0)
+        turned = turns.to_vector(turns.multiply(turns.of_vector(np.linalg.solve(slope, error)), turn))
+    return turned
 
 
 def _crosstalk(blocks: Sequence[_Rows]) -> float:
@@ -350,12 +375,15 @@ def _crosstalk(blocks: Sequence[_Rows]) -> float:
 # which makes it follow its path can move it, as in :mod:`sealegs.gap.ground.tree_replay`.
 
 SETTLING_SECONDS, SPEED_UP_SECONDS = 0.5, 0.2  # that it settles in its first pose, and in which motion then sets in
-GROUNDS = (None, 10.0)
-"""Grounds on which it stands: that of its model, and one on which feet creep less (``impratio`` of an elliptic cone).
+GROUNDS = tuple(itertools.product((0.5, 0.75, 1.0, 1.5), (None, 10.0)))
+"""Grounds on which it stands: friction in parts of its model's, and ``impratio`` (of an elliptic cone, on which feet
+creep less; None: as in the model). Assumed.
 
 On two diagonal feet a base falls from side to side, and which way depends on as little as that. Of two right models of
-contact one told a right IMU that it sits turned by 4 degrees, so each run takes the one that explains it better.
+contact one told a right IMU that it sits turned by 4 degrees, so each run takes the one that explains it best, and
+delay and turn are the mean over those that explain it alike.
 """
+ALIKE = 1.5  # times what the best ground leaves of the turn rate's variance, that others leave which may be right, too
 FALLEN_ANGLE = 0.7  # [rad] from upright: what it does then, its legs do not tell
 
 
@@ -382,12 +410,12 @@ def carried(robot: Robot, run: MeasuredRun, frames: dict[str, Frame]) -> list[Ca
     names = [item.name for item in robot.coordinates]
     if any(name not in run.joints for name in names):
         return []
-    found = [_carried_on(ground, robot, run, names, frames) for ground in GROUNDS]
+    found = [_carried_on(*ground, robot, run, names, frames) for ground in GROUNDS]
     return [way for way in found if way is not None]
 
 
 def _carried_on(
-    impratio: float | None, robot: Robot, run: MeasuredRun, names: list[str], frames: dict[str, Frame]
+    friction: float, impratio: float | None, robot: Robot, run: MeasuredRun, names: list[str], frames: dict[str, Frame]
 ) -> Carried | None:
     """The base over a run on one ground, a value of :data:`GROUNDS`."""
     try:
@@ -401,6 +429,8 @@ def _carried_on(
         return None
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    model.geom_friction[:, 0] *= friction
+    model.pair_friction[:, :2] *= friction
     if impratio is not None:
         model.opt.cone, model.opt.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, max(model.opt.impratio, impratio)
     joints, motors = shares([drivetrain.terms(name) for name in names])

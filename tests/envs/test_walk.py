@@ -492,6 +492,23 @@ def test_strides_that_are_left_open_make_up_for_the_way_that_the_gait_lacks() ->
     assert not fallen and abs(made_up[3] - 0.5) < 0.5 * abs(plain[3] - 0.5)
 
 
+@pytest.mark.parametrize(
+    ("worse", "says"),
+    [
+        ({}, ""),
+        ({"forward_trim": 0.3}, r"is [\d.]+ times as far from what is asked for as standing still is"),
+        ({"healthy_tilt": 0.0}, "falls in 24 of 24 trials"),
+    ],
+)
+def test_a_gait_that_falls_or_does_worse_than_standing_is_told(
+    worse: dict[str, float], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given: dict[str, Any] = {"cadence": CADENCE, "forward": (0.0, 0.1), "sideways": 0.0, "turn_stride": None}
+    BatchEngine(WalkTask(**given | worse), 1)
+    told = capsys.readouterr().err
+    assert bool(re.search(says, told)) if says else "its reference gait" not in told, told
+
+
 def test_what_a_gait_makes_whatever_is_asked_for_is_no_part_of_its_way_and_is_taken_back() -> None:
     """A quadruped of a user drifted by 0.08 m/s, and a biped went backwards at half of its speed forward."""
 
