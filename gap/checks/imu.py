@@ -89,7 +89,7 @@ class Match:
         lag: by which the first is later [s].
         low, high: 95 % interval of that [s].
         correlation: of the axes of the first (rows) with those of the second, at that lag (3, 3).
-        ratio: of their sizes.
+        sizes: of the axes of both (2, 3).
         explained: share of the variance of the first that the second explains.
     """
 
@@ -97,22 +97,37 @@ class Match:
     low: float
     high: float
     correlation: np.ndarray
-    ratio: float
+    sizes: np.ndarray
     explained: float
+
+    @property
+    def ratio(self) -> float:
+        """Of the sizes of both."""
+        first, second = np.linalg.norm(self.sizes, axis=1)
+        return float(first / second)
 
     @property
     def axes(self) -> tuple[tuple[int, int], ...] | None:
         """For each axis of the first that can be told: number and sign of the axis of the second that it is.
 
-        None where none can; (k, 0) for one that cannot.
+        None where none can; (k, 0) for one that cannot. Of a robot that turns little about an axis, crosstalk follows
+        another one as well: so axes are other than they are believed where that leaves half of the error or less.
         """
         orders = itertools.permutations(range(3))
         best = max(orders, key=lambda order: sum(abs(self.correlation[k, order[k]]) for k in range(3)))
+        moved = [k for k in range(3) if best[k] != k]
+        if sum(self._left(k, best[k]) for k in moved) > OTHER_ERROR_RATIO * sum(self._left(k, k) for k in moved):
+            best = (0, 1, 2)
         found = []
         for k, other in enumerate(best):
             along = self.correlation[k, other]
             found.append((other, int(np.sign(along))) if along**2 >= 1.0 - OTHER_ERROR_RATIO else (k, 0))
         return tuple(found) if any(sign for _, sign in found) else None
+
+    def _left(self, k: int, other: int) -> float:
+        """Squared error that an axis of the second leaves of one of the first, in one unit and whatever its sign."""
+        first, second = self.sizes[0, k] / self.ratio, self.sizes[1, other]
+        return float(first**2 + second**2 - 2.0 * abs(self.correlation[k, other]) * first * second)
 
 
 def match(
@@ -154,7 +169,8 @@ def match(
     low, high = np.quantile(drawn, (0.025, 0.975))
     share = 1.0 - float(_left(gram)) / total
     correlation = both / np.maximum(sizes, 1e-300)
-    return Match(lag, float(low), float(high), correlation, float(np.sqrt(total / np.trace(second))), share)
+    sizes = np.sqrt([np.diag(first), np.diag(second)])
+    return Match(lag, float(low), float(high), correlation, sizes, share)
 
 
 def _grams(time: Array, first: Array, second: Array, lags: np.ndarray, edge: float) -> np.ndarray:

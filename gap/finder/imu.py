@@ -53,6 +53,8 @@ MIN_TURN_DEVIATIONS = 4.0
 CONTACT_LAG_SPREAD = 0.004
 """Standard deviation of the lag that feet and floors of another softness make [s]: ten walks of 30 ms are told with one
 of 3.7 ms (``benchmarks.hidden_imu``)."""
+CONTACT_TURN_SPREAD = 0.005
+"""Likewise of a turn about a level axis [rad]: walks whose IMU sits turned by 5 degrees are told with one of 0.004."""
 MIN_EXTRA_DELAY = 3.0 * CONTACT_LAG_SPREAD  # [s] beyond the believed delay that is worth a word
 TURN_DRAWS = 100
 
@@ -330,7 +332,7 @@ def _turn(lags: Sequence[list[_Rows]], elsewhere: Sequence[list[_Rows]] = ()) ->
     turned, spread = _solved(blocks), np.std(drawn, axis=0)
     early, late = (_solved(chosen) for chosen in others)
     ways = [turned, *map(_solved, elsewhere)]
-    spread = np.sqrt(spread**2 + 0.25 * (early - late) ** 2 + np.var(ways, axis=0))
+    spread = np.sqrt(spread**2 + 0.25 * (early - late) ** 2 + np.var(ways, axis=0) + CONTACT_TURN_SPREAD**2)
     spread[2] = max(spread[2], _crosstalk(blocks))
     return -np.mean(ways, axis=0), spread
 

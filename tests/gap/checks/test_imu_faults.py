@@ -137,6 +137,18 @@ def test_of_two_grounds_the_one_that_explains_the_imu_is_taken(monkeypatch: pyte
     assert diagnose_imu([run], {}, lambda text: None).findings == ()
 
 
+@pytest.mark.parametrize(("about_z", "axes"), [(0.01, ((0, 1), (1, 0), (2, 0))), (0.05, ((2, 1), (1, 0), (0, 1)))])
+def test_an_axis_about_which_a_robot_hardly_turns_is_not_taken_for_another_that_crosstalk_follows(
+    about_z: float, axes: tuple[tuple[int, int], ...]
+) -> None:
+    """A hexapod's right IMU was said to have its axes x and z swapped: about z it turned a fifth as much as about x."""
+    crosstalk = np.array([[0.93, 0.1, 0.95], [-0.04, 0.15, 0.04], [0.95, 0.05, 0.65]])
+    if about_z > 0.02:  # else each is the other one's, and its own is no better
+        crosstalk[0, 0] = crosstalk[2, 2] = 0.3
+    sizes = np.array([[0.052, 0.013, about_z], [0.052, 0.009, about_z]])
+    assert Match(0.01, 0.0, 0.02, crosstalk, sizes, 0.87).axes == axes
+
+
 @pytest.mark.parametrize(("angles", "told"), [((-12.0,), True), ((-12.0, -11.0), True), ((-12.0, 0.0), False)])
 def test_a_turn_is_known_as_well_as_grounds_agree_that_explain_the_imu_alike(
     angles: tuple[float, ...], told: bool, monkeypatch: pytest.MonkeyPatch
@@ -164,7 +176,7 @@ def test_a_lag_that_swinging_in_circles_makes_a_turn_is_not_told_as_one(monkeypa
 
     run = rocking(BoughtImu())
     run.base.update(BoughtImu(delay=0.0).columns(run.time, swinging(run.time), np.random.default_rng(0)))
-    known = Match(0.0, -1e-3, 1e-3, np.eye(3), 1.0, 0.95)
+    known = Match(0.0, -1e-3, 1e-3, np.eye(3), np.ones((2, 3)), 0.95)
     monkeypatch.setattr("sealegs.gap.finder.imu.match", lambda *given: known)
     monkeypatch.setattr("sealegs.gap.finder.imu.robot_under", lambda run: SimpleNamespace(imu=None))
     ways = [Carried(run.time, swinging(run.time + 0.006))]
@@ -262,7 +274,7 @@ def test_a_sidecar_whose_imu_is_none_is_refused_in_a_sentence() -> None:
 @pytest.mark.parametrize(("low", "high", "told"), [(-0.03, 0.001, False), (-0.02, 0.001, True), (0.04, 0.06, True)])
 def test_a_delay_whose_interval_ends_where_the_search_does_is_not_told(low: float, high: float, told: bool) -> None:
     """Of a trot its lag was known to a period: a right IMU was said to be 15 ms early."""
-    rates = Match(0.5 * (low + high), low, high, np.eye(3), 1.0, 0.9)
+    rates = Match(0.5 * (low + high), low, high, np.eye(3), np.ones((2, 3)), 0.9)
     legs = Legs(rates, np.zeros(3), np.full(3, 0.01), (0.015, 0.01))
     assert ("imu.delay" in [finding.code for finding in legs.findings()]) == told
 
