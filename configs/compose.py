@@ -175,6 +175,10 @@ def _open(config: Any, prefix: str = "") -> Iterable[str]:
             yield from _open(value, f"{prefix}{key}.") if value else (f"{prefix}{key}",)
 
 
+OTHER_COMMANDS_SAY = {"seconds": "duration", "duration": "seconds"}
+"""Of what a key of another command is called in this one."""
+
+
 def _suggestion(key: str, known: list[str]) -> str:
     """Hint at the key that was meant: one of the same last word in another place comes first.
 
@@ -186,7 +190,8 @@ def _suggestion(key: str, known: list[str]) -> str:
         same = next((name for rest, name in below.items() if rest.rpartition(".")[2] == word), None)
         meant = same or below.get(closest(word, below) or "")
         return f" (did you mean '{meant}'?)" if meant else ""
-    same_word = [name for name in known if name.rpartition(".")[2] == word]
+    words_of_it = (word, OTHER_COMMANDS_SAY.get(word))
+    same_word = [name for name in known if name.rpartition(".")[2] in words_of_it]
     if same_word:
         return f" (did you mean '{same_word[0]}'?)"
     hint = nearest(key, known)

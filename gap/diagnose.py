@@ -83,7 +83,9 @@ def diagnose(
             data = read_bounded(Path(log), progress=say)
         data = _given(data)
         if joints is not None:
-            chosen(commanded(data.runs), joints, beside(data.runs))  # says what there is not before the log is checked
+            chosen(
+                commanded(data.runs), joints, beside(data.runs, joints)
+            )  # says what there is not before the log is checked
         speed = math.inf if speed_limit is None else float(speed_limit)
         kept = None
         if limits is not None:

@@ -105,7 +105,7 @@ def diagnose(
     request = Request(test_group, seed, progress, limits, causes, settings, look_on)
     checked(causes)
     data, findings, stop = check_log(data, progress)
-    machine, joints = Machine.of(data.runs), chosen(commanded(data.runs), only, beside(data.runs))
+    machine, joints = Machine.of(data.runs), chosen(commanded(data.runs), only, beside(data.runs, only))
     if stop is not None:
         first = [_first_experiment(machine, joint, stop, request) for joint in joints]
         why = Refused("the log", stop.sentence)

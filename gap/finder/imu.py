@@ -14,7 +14,7 @@ from ...common.errors import SealegsError
 from ...envs.described.robot_imu import with_imu
 from ...envs.engine import turns
 from ...envs.engine.base import BaseLayout
-from ...envs.engine.imu import Imu, Switches
+from ...envs.engine.imu import COLUMNS, Imu, Switches
 from ...envs.engine.model_poses import in_turn, place_followers, stand
 from ...envs.engine.robot import Robot
 from ...envs.engine.turns import projected_gravity
@@ -39,7 +39,7 @@ from ..load.robot import Frame
 from ..log.finding import Finding
 from ..log.parts import SPEED_REACH
 from ..log.progress import Progress
-from ..log.types import Array, MeasuredRun
+from ..log.types import Array, LogError, MeasuredRun
 from ..measure.case import Case
 from ..measure.measured import Measured
 from ..verdict.verdict import EXPLAINED as SAID
@@ -59,9 +59,19 @@ MIN_EXTRA_DELAY = 3.0 * CONTACT_LAG_SPREAD  # [s] beyond the believed delay that
 TURN_DRAWS = 100
 
 
-def beside(runs: Sequence[MeasuredRun]) -> tuple[str, ...]:
-    """What is diagnosed beside the joints: the IMU, where a run has its samples."""
-    return (IMU,) if any(imu_of(run) is not None for run in runs) else ()
+def beside(runs: Sequence[MeasuredRun], only: Sequence[str] | None = None) -> tuple[str, ...]:
+    """What is diagnosed beside the joints: the IMU, where a run has its samples.
+
+    Raises:
+        LogError: it is one of those that ``only`` asks for, and no run has what it takes.
+    """
+    if any(imu_of(run) is not None for run in runs):
+        return (IMU,)
+    if only is not None and IMU in only and not any(IMU in run.joints for run in runs):
+        lacking = [f"base.{name}" for name in COLUMNS[:-1] if not any(name in run.base for run in runs)]
+        why = f"it lacks {', '.join(lacking)}" if lacking else "no run has 20 samples of it in a second or more"
+        raise LogError(f"The log has no IMU that can be judged: {why}.")
+    return ()
 
 
 def diagnose_imu(runs: Sequence[MeasuredRun], frames: dict[str, Frame], progress: Progress) -> JointDiagnosis:

@@ -257,6 +257,7 @@ RUN = (
     "logs together with the old ones:"
 )
 SETTLED = "No further experiment would tell more."
+OPEN = "What this log cannot show stays open, and no experiment is proposed that would show it."
 REFITTED = (
     "Numbers were refitted beyond their tolerance, and no experiment is proposed that would tell which of them is "
     "wrong: measure them apart where you can."
@@ -295,7 +296,8 @@ def next_step(
         driven = any(item.problem is not None and item.problem.free_joint is None for item in diagnoses)
         held = next((f.sentence for item in diagnoses for f in item.findings if f.code == HELD), "")
         return MISSING.format(needed=_needed(diagnoses)) + (f" {held}" if held else DESCRIBE if driven else ""), ()
-    settled = REFITTED if any(item.refitted for item in diagnoses) else SETTLED
+    hidden = any(item.verdict == NOT_IDENTIFIABLE for item in diagnoses)
+    settled = REFITTED if any(item.refitted for item in diagnoses) else OPEN if hidden else SETTLED
     if any(map(_by_torque, diagnoses)):
         return TORQUES.format(settled=settled, file=written["extended"]), ()
     return TRAIN.format(settled=settled), [train_command(written["extended"].parent)]

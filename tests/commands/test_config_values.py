@@ -118,6 +118,7 @@ def test_arguments_that_no_file_can_hold_are_left_out() -> None:
         ("diagnose", "causes=[friction.colomb]", "no cause 'friction.colomb' (did you mean 'friction.coulomb'?)"),
         ("diagnose", "speed_limit=0", "speed_limit=0 must be a speed above zero [rad/s]."),
         ("watch", "width=8", "width must be at least 16, not 8."),
+        ("watch", "duration=3", "There is no key 'duration' (did you mean 'seconds'?)"),
         ("demo", "total_timesteps=0", "total_timesteps must be at least 1, not 0."),
     ],
 )

@@ -15,7 +15,7 @@ from sealegs.common.errors import SealegsError
 from sealegs.configs.script import run as run_script
 from sealegs.gap.checks.imu import Match, check_imu, imu_of
 from sealegs.gap.diagnose import diagnose
-from sealegs.gap.finder.imu import Carried, Legs, diagnose_imu
+from sealegs.gap.finder.imu import Carried, Legs, beside, diagnose_imu
 from sealegs.gap.finder.switches import Switched
 from sealegs.gap.log import read_measured
 from sealegs.gap.log.types import LogError, MeasuredRun, MeasuredSet
@@ -260,8 +260,16 @@ def test_a_diagnosis_of_the_imu_alone_takes_no_joint_and_a_screen_says_it_once()
     (imu,) = found.joints
     assert imu.joint == "imu" and found.verdict == EXPLAINED
     assert " ".join(screen(found.joints, {}, 100)).count("swapped") == 1
-    with pytest.raises(LogError, match="drives no joint 'imu'"):
-        diagnose([replace(run, base={}) for run in runs], joints=["imu"])
+
+
+def test_of_an_imu_that_is_asked_for_the_columns_that_the_log_lacks_are_named() -> None:
+    run = rocking(BoughtImu())
+    lame = replace(run, base={key: column for key, column in run.base.items() if key != "imu.turn_z"})
+    with pytest.raises(LogError, match=r"no IMU that can be judged: it lacks base\.imu\.turn_z\."):
+        beside([lame], ["imu"])
+    with pytest.raises(LogError, match=r"it lacks base\.imu\.w, .*base\.imu\.turn_z\."):
+        beside([replace(run, base={})], ["imu"])
+    assert beside([lame]) == beside([lame], ["hip"]) == () and beside([run], ["imu"]) == ("imu",)
 
 
 @pytest.mark.long

@@ -334,6 +334,9 @@ def test_after_refitted_numbers_nobody_is_told_that_nothing_is_open(monkeypatch:
     said, commands = terminal.next_step([found(verdict=EXPLAINED, reasons=(beside,))], files)
     assert commands and "No further experiment" not in said and "refitted beyond their tolerance" in said
     assert "No further experiment" in terminal.next_step([found(verdict=EXPLAINED)], files)[0]
+    beside_hidden = [found(verdict=EXPLAINED), found(verdict=NOT_IDENTIFIABLE, joint="knee", causes=())]
+    monkeypatch.setattr(terminal, "overall", lambda documents: {"verdict": EXPLAINED})
+    assert "cannot show stays open" in terminal.next_step(beside_hidden, files)[0]
 
 
 def test_what_is_missing_is_told_by_why_the_link_is_held() -> None:
@@ -403,7 +406,13 @@ def test_nobody_is_told_to_train_what_torques_drive(
     model = JointModel(Chain(tuple(build_stage(name, given, "a chain") for name, given in stages)))
     problem = SimpleNamespace(joint=SimpleNamespace(models=(model,)))
     found: Any = SimpleNamespace(
-        joint="elbow", causes=("one",), model="extended", problem=problem, experiment=None, refitted=False
+        joint="elbow",
+        causes=("one",),
+        model="extended",
+        problem=problem,
+        experiment=None,
+        refitted=False,
+        verdict=EXPLAINED,
     )
     sentence, commands = terminal.next_step([found], {"extended": Path("diagnosis/extended.yaml")})
     assert bool(commands) == trained and ("with your own code" in sentence) != trained
