@@ -7,7 +7,8 @@ from pathlib import Path
 
 import mujoco
 
-from ...common.documents import XML_SIZE, DocumentError, read_bytes, without_comments
+from ...common.documents import XML_SIZE, read_bytes, without_comments
+from ...common.errors import SealegsError
 
 ELEMENT = re.compile(r" Element name '([^']*)'(?:, id \d+)?(?:, line \d+)?.*$")
 LINE = re.compile(r",? line \d+$")
@@ -23,7 +24,7 @@ def line_of(error: Exception) -> str:
 
 def unreadable(path: Path, error: Exception) -> str:
     """A sentence for a model that cannot be read; a URDF's line is that of the file, not of the mended text."""
-    refused = isinstance(error, DocumentError)
+    refused = isinstance(error, SealegsError)  # by a sentence of its own
     sentence = line_of(error)
     if path.suffix.lower() == ".urdf" and not refused:
         sentence = LINE.sub("", sentence)

@@ -358,6 +358,7 @@ def read_specs(path: Path, changed: int) -> tuple[mujoco.MjSpec, mujoco.MjSpec, 
             full.modelfiledir = str(path.parent)
         else:
             full = mujoco.MjSpec.from_file(str(path))
+        _ = [body.joints for body in full.bodies]  # looking at them, MuJoCo refuses names that stand twice
     except (ValueError, RuntimeError) as error:  # a RuntimeError where memory ends
         raise RobotError(unreadable(path, error)) from None
     full.compiler.fusestatic = False  # bodies keep their names, masses and sensors

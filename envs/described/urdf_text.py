@@ -1,7 +1,8 @@
 """Reads the XML of a URDF as MuJoCo does, and mends its dialects.
 
 Passed over is what belongs to other programs by a prefix. Mended are a parent ``world`` that no link declares, a
-floating joint on a root link of another name, inertias that no body has, and paths of meshes.
+floating joint on a root link of another name, inertias that no body has, and paths of meshes. Refused is what MuJoCo
+takes or drops without a word that says where it stands.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -16,6 +18,7 @@ import numpy as np
 
 from ...common.documents import XML_SIZE, read_bytes, read_xml, without_comments
 from ...common.errors import WARNING
+from ..engine.numbers import RobotError
 
 FOLDERS = ("meshdir", "assetdir")
 """Where the compiler element of a URDF says that meshes are, from the URDF's own folder."""
@@ -59,8 +62,10 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
 
     Raises:
         DocumentError: it cannot be opened, or is no XML.
+        RobotError: a name stands twice.
     """
     root = urdf_root(path)
+    _named_once(root, path)
     if has_macros(path):
         said.append(
             f"{path.name} has elements of xacro, which count for nothing; expand them: xacro {path.name} > robot.urdf"
@@ -104,6 +109,21 @@ def _ground(root: ElementTree.Element, path: Path, said: list[str]) -> None:
                 item.set(key, GROUND)
         said.append(f"{path.name}: a floating joint hangs on its root link '{name}'; that is taken for the ground.")
         return
+
+
+def _named_once(root: ElementTree.Element, path: Path) -> None:
+    """Refuse links and moving joints of one name.
+
+    Raises:
+        RobotError: a name stands twice.
+    """
+    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    for kind, items in (("link", root.findall("link")), ("joint", moving)):
+        count = Counter(name for item in items if (name := item.get("name")))
+        if twice := [f"'{name}'" for name, times in count.items() if times > 1]:
+            raise RobotError(
+                f"{path}: more than one {kind} is called {', '.join(twice)}; give each {kind} a name of its own."
+            )
 
 
 def mesh_folder(root: ElementTree.Element) -> str:

@@ -163,6 +163,16 @@ def test_a_line_of_a_urdf_that_is_no_xml_is_that_of_the_file(tmp_path: Path) -> 
         read_model(path)
 
 
+def test_a_name_that_stands_twice_is_one_sentence_with_the_name_and_the_file(tmp_path: Path) -> None:
+    hand = f'<link name="hand"><inertial><mass value="1"/><inertia {GOOD}/></inertial></link>'
+    more = hand + FIXED.replace("weld", "yaw").replace("fixed", "continuous")
+    with pytest.raises(RobotError, match=r"arm\.urdf: more than one joint is called 'yaw'; give each joint a name of"):
+        read_model(urdf(tmp_path, more=more))
+    with pytest.raises(RobotError, match=r"arm\.urdf: more than one link is called 'upper'; give each link a name of"):
+        read_model(urdf(tmp_path, more=hand.replace("hand", "upper")))
+    assert list(read_model(urdf(tmp_path, more=hand + FIXED.replace("weld", "yaw"))).joints) == ["yaw"]
+
+
 def test_a_total_mass_is_worked_into_the_masses_and_warned_of_by_no_one(tmp_path: Path) -> None:
     text = """<mujoco><compiler settotalmass="2"/><worldbody><body name="a"><joint name="j" axis="0 1 0"/>
     <geom size=".1" pos=".2 0 0"/><geom size=".1" mass="3"/><body name="b"><joint name="k"/>
