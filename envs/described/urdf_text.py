@@ -62,10 +62,11 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
 
     Raises:
         DocumentError: it cannot be opened, or is no XML.
-        RobotError: a name stands twice.
+        RobotError: a name stands twice, or a lower limit is above the upper one.
     """
     root = urdf_root(path)
     _named_once(root, path)
+    _limits_in_order(root, path)
     if has_macros(path):
         said.append(
             f"{path.name} has elements of xacro, which count for nothing; expand them: xacro {path.name} > robot.urdf"
@@ -124,6 +125,34 @@ def _named_once(root: ElementTree.Element, path: Path) -> None:
             raise RobotError(
                 f"{path}: more than one {kind} is called {', '.join(twice)}; give each {kind} a name of its own."
             )
+
+
+def _limits_in_order(root: ElementTree.Element, path: Path) -> None:
+    """Refuse limits of joints that lie the wrong way round, which MuJoCo takes for none.
+
+    Raises:
+        RobotError: a lower limit is above the upper one.
+    """
+    reversed_ones = [
+        f"'{joint.get('name', '')}' (lower {low:g}, upper {high:g})"
+        for joint, low, high in _limited(root)
+        if low > high
+    ]
+    if reversed_ones:
+        raise RobotError(f"{path}: a lower limit is above the upper one at {', '.join(reversed_ones)}; exchange them.")
+
+
+def _limited(root: ElementTree.Element) -> list[tuple[ElementTree.Element, float, float]]:
+    """Joints that have ends, with their lower and upper limit [rad or m]; one that is left out is 0."""
+    found = []
+    for joint in root.findall("joint"):
+        if joint.get("type") in ("revolute", "prismatic") and (limit := joint.find("limit")) is not None:
+            try:
+                low, high = (float(limit.get(key, "0")) for key in ("lower", "upper"))
+            except ValueError:  # reading the robot says it
+                continue
+            found.append((joint, low, high))
+    return found
 
 
 def mesh_folder(root: ElementTree.Element) -> str:

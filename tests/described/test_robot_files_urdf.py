@@ -173,6 +173,16 @@ def test_a_name_that_stands_twice_is_one_sentence_with_the_name_and_the_file(tmp
     assert list(read_model(urdf(tmp_path, more=hand + FIXED.replace("weld", "yaw"))).joints) == ["yaw"]
 
 
+def test_a_lower_limit_above_the_upper_one_is_refused_with_both_numbers(tmp_path: Path) -> None:
+    """MuJoCo drops such limits, and new-robot assumed a whole turn."""
+    path = urdf(tmp_path)
+    path.write_text(path.read_text().replace('lower="-1" upper="1"', 'lower="-0.2" upper="-2.4"'))
+    with pytest.raises(RobotError, match=r"above the upper one at 'yaw' \(lower -0\.2, upper -2\.4\); exchange them\."):
+        read_model(path)
+    path.write_text(path.read_text().replace("revolute", "continuous"))
+    assert read_model(path).joints["yaw"].range is None
+
+
 def test_a_total_mass_is_worked_into_the_masses_and_warned_of_by_no_one(tmp_path: Path) -> None:
     text = """<mujoco><compiler settotalmass="2"/><worldbody><body name="a"><joint name="j" axis="0 1 0"/>
     <geom size=".1" pos=".2 0 0"/><geom size=".1" mass="3"/><body name="b"><joint name="k"/>
