@@ -18,13 +18,12 @@ from ...common.errors import SealegsError
 from ..engine.numbers import RobotError
 from .model_drives import ModelDrive
 from .model_file import UNITS, ModelFile
-from .urdf_text import urdf_speeds
+from .urdf_text import NO_STOP, urdf_speeds
 
 BANDWIDTH = 4.0  # [Hz] at least, of the ideal servo that stands for a drive whose gain the file does not say
 FULL_FORCE = 0.125  # of the range: position error at which that servo gives its largest force
 RESOLVED = 0.5  # of a timestep times a servo's natural frequency, at most: the engine resolves its damping below that
 SLIDE_REACH = 0.5  # [m] to either side, of a slide without a range
-NO_STOP = 1e4  # [rad or m] a range that ends beyond is written for none
 SAME = 1e-6  # of a range [rad or m]: what differs by less is the same
 TOLD = 0.01  # of a range: goals that end nearer to its ends are not worth a word
 RADIANS = "in radians, whatever the compiler's angle"

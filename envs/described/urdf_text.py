@@ -23,6 +23,8 @@ from ..engine.numbers import RobotError
 FOLDERS = ("meshdir", "assetdir")
 """Where the compiler element of a URDF says that meshes are, from the URDF's own folder."""
 GROUND = "world"
+NO_STOP = 1e4  # [rad or m] a range that ends beyond is written for none
+MOST_TURNS = 2.0  # that a joint with limits makes between them, beyond which they may be degrees; assumed
 
 
 def urdf_root(path: Path) -> ElementTree.Element:
@@ -67,6 +69,7 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
     root = urdf_root(path)
     _named_once(root, path)
     _limits_in_order(root, path)
+    _limits_in_radians(root, path, said)
     if has_macros(path):
         said.append(
             f"{path.name} has elements of xacro, which count for nothing; expand them: xacro {path.name} > robot.urdf"
@@ -140,6 +143,20 @@ def _limits_in_order(root: ElementTree.Element, path: Path) -> None:
     ]
     if reversed_ones:
         raise RobotError(f"{path}: a lower limit is above the upper one at {', '.join(reversed_ones)}; exchange them.")
+
+
+def _limits_in_radians(root: ElementTree.Element, path: Path, said: list[str]) -> None:
+    """Ask whether limits are degrees where joints turn farther than those of robots do."""
+    turns = {
+        joint.get("name", ""): (high - low) / (2.0 * math.pi)
+        for joint, low, high in _limited(root)
+        if joint.get("type") == "revolute" and max(-low, high) < NO_STOP
+    }
+    if wide := [f"'{name}' ({count:.3g})" for name, count in turns.items() if count > MOST_TURNS]:
+        said.append(
+            f"{WARNING}{path.name}: limits let joints turn more than {MOST_TURNS:g} times round: {', '.join(wide)}; "
+            "are they degrees? A URDF has radians."
+        )
 
 
 def _limited(root: ElementTree.Element) -> list[tuple[ElementTree.Element, float, float]]:

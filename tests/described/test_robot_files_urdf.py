@@ -183,6 +183,18 @@ def test_a_lower_limit_above_the_upper_one_is_refused_with_both_numbers(tmp_path
     assert read_model(path).joints["yaw"].range is None
 
 
+@pytest.mark.parametrize(("lower", "upper", "asked"), [(-40.1, 40.1, True), (-6.2, 6.2, False), (-1e9, 1e9, False)])
+def test_limits_of_many_turns_are_asked_whether_they_are_degrees(
+    lower: float, upper: float, asked: bool, tmp_path: Path
+) -> None:
+    path = urdf(tmp_path)
+    path.write_text(path.read_text().replace('lower="-1" upper="1"', f'lower="{lower}" upper="{upper}"'))
+    said = " ".join(read_model(path).said)
+    assert (
+        "Warning: arm.urdf: limits let joints turn more than 2 times round: 'yaw' (12.8); are they" in said
+    ) == asked
+
+
 def test_a_total_mass_is_worked_into_the_masses_and_warned_of_by_no_one(tmp_path: Path) -> None:
     text = """<mujoco><compiler settotalmass="2"/><worldbody><body name="a"><joint name="j" axis="0 1 0"/>
     <geom size=".1" pos=".2 0 0"/><geom size=".1" mass="3"/><body name="b"><joint name="k"/>
