@@ -22,6 +22,7 @@ def main(arguments: list[str]) -> None:
     """Write the file that the command line names."""
     from ..envs.new_robot.robot_yaml import write_robot_yaml
     from ..gap.log.types import OTHER
+    from ..hw.bus.registers import model_of_chain
     from ..hw.machine.assumed_limits import assumed_limits
 
     files = [argument for argument in arguments if "=" not in argument]
@@ -37,7 +38,8 @@ def main(arguments: list[str]) -> None:
             f"'{files[0]}' is a folder; name the model in it: sealegs new-robot my_arm.xml (an MJCF or URDF)."
         )
     out = Path(given.get("out") or model.with_suffix(".yaml"))
-    for sentence in together(write_robot_yaml(model, out, given.get("chain"), OTHER, assumed_limits)):
+    said = write_robot_yaml(model, out, given.get("chain"), OTHER, assumed_limits, model_of_chain)
+    for sentence in together(said):
         print(f"  {sentence}")
     print(f"Written: {out}. Read it, edit it, and give it as robot={out}.")
 

@@ -54,12 +54,16 @@ joints:   # that servos drive, in the order of goals
 
 TAIL = """\
 deploy:   # for sealegs deploy; what is left out is as with robot=bench
-  servo: sts3215   # model of its servos, such as sts3250, scs0009, xl330_m288
+  servo: {servo}
   rest: release   # at the end: release, hold, or sit
   sensors: {{}}   # encoders that drive nothing, such as elbow.link: {{id: 7}}
   # limits other than those of robot=bench
   safety:{safety}
 """
+
+
+SERVO = "sts3215"
+"""Model of the servos where the chain tells none; assumed."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +88,18 @@ def none_assumed(robot: RobotFile) -> AssumedLimits:
     return AssumedLimits()
 
 
+def no_servo(chain: str) -> None:
+    """No model of servos, whatever the chain."""
+    del chain
+
+
 def write_robot_yaml(
     model: Path,
     out: Path,
     chain: str | None = None,
     reserved: Collection[str] = (),
     limits_of: Callable[[RobotFile], AssumedLimits] = none_assumed,
+    servo_of: Callable[[str], str | None] = no_servo,
 ) -> tuple[str, ...]:
     """Write the YAML of a model, and return what was assumed in it, a sentence each.
 
@@ -99,11 +109,12 @@ def write_robot_yaml(
         chain: that drives every joint; None: an ideal servo as the model has it.
         reserved: words that joints should not be called by, since columns of logs are.
         limits_of: assumes limits of safety for a robot.
+        servo_of: the model of the servos that a chain describes, by its name; None: of no servo with a register table.
 
     Raises:
         RobotError: the model cannot be read, ``out`` exists, or what was written cannot be read.
     """
-    text, said = robot_yaml(model, out, chain, reserved, limits_of)
+    text, said = robot_yaml(model, out, chain, reserved, limits_of, servo_of)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         write_text(out, text)
@@ -123,6 +134,7 @@ def robot_yaml(
     chain: str | None = None,
     reserved: Collection[str] = (),
     limits_of: Callable[[RobotFile], AssumedLimits] = none_assumed,
+    servo_of: Callable[[str], str | None] = no_servo,
 ) -> tuple[str, tuple[str, ...]]:
     """The text that :func:`write_robot_yaml` writes, and what was assumed."""
     facts = read_model(model)
@@ -168,8 +180,10 @@ def robot_yaml(
     said = (*said, *(f"{reason}; it is left out." for reason in undriveable))
     said = (*said, *passive_sentence(facts, driven), *_chain_on_slides(robot, chain))
     said = (*said, *_unlike_wheels(facts, robot, wheels, chain))
+    servo, untold = _servo(chain, servo_of)
+    said = (*said, *(f"{model.name}: {sentence}" for sentence in untold))
     said = tuple(sorted(said, key=lambda sentence: sentence.startswith(WARNING)))  # at the end they are seen
-    return head + "".join(lines) + "".join(left) + TAIL.format(safety=_safety(assumed)), said
+    return head + "".join(lines) + "".join(left) + TAIL.format(servo=servo, safety=_safety(assumed)), said
 
 
 def _ground(robot: RobotFile) -> str:
@@ -247,6 +261,16 @@ def _unlike_wheels(
             "positions, as nothing says that it is a wheel; if it is, give it a chain such as sts3215_wheel."
         )
     return tuple(found)
+
+
+def _servo(chain: str | None, servo_of: Callable[[str], str | None]) -> tuple[str, tuple[str, ...]]:
+    """The model of the servos with what the YAML says of it, and a sentence where a given chain tells none."""
+    if chain is not None and (servo := servo_of(chain)) is not None:
+        return f"{servo}   # model of its servos, which the chain {in_yaml(chain)} describes", ()
+    line = f"{SERVO}   # model of its servos, such as sts3250, scs0009, xl330_m288; assumed"
+    if chain is None:
+        return line, ()
+    return line, (f"deploy: servo is {SERVO}, assumed, as no register table belongs to '{chain}'; write your servos'.",)
 
 
 def _safety(assumed: AssumedLimits) -> str:

@@ -86,6 +86,24 @@ def test_a_robot_with_chains_of_real_servos_keeps_the_limits_of_the_bench(tmp_pa
     assert safety["following_error"] is None and safety["speed"] == {"finger": 0.2, "*": 15.0}
 
 
+@pytest.mark.parametrize(
+    ("chain", "servo", "told"),
+    [
+        ("xl330", "xl330_m288   # model of its servos, which the chain xl330 describes", False),
+        pytest.param("sts3215_wheel", "sts3215   # model of its servos, which", False, marks=pytest.mark.long),
+        pytest.param("sts3250", "sts3250   # model of its servos, which", False, marks=pytest.mark.long),
+        ("mx64", "sts3215   # model of its servos, such as sts3250, scs0009, xl330_m288; assumed", True),
+    ],
+)
+def test_the_servo_of_a_robot_is_the_one_that_its_chain_describes(
+    chain: str, servo: str, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.format(velocity=5))
+    new_robot.main([str(tmp_path / "arm.urdf"), f"chain={chain}"])
+    assert f"\n  servo: {servo}" in (tmp_path / "arm.yaml").read_text()
+    assert ("arm.urdf: deploy: servo is sts3215, assumed, as no register table" in capsys.readouterr().out) == told
+
+
 @pytest.mark.long
 def test_a_stop_names_the_key_that_a_person_may_change(hand: Path) -> None:
     for key in ("speed", "following_error"):

@@ -171,6 +171,7 @@ class ServoModel:
         stops_short: steps by which its limits may stop short of a joint's range: some clamp a goal, others ignore it.
         shifts_seam: whether its homing offset moves the seam of its turn too, and not only its zero.
         speed_mode: in which it is told speeds; None: it has none.
+        chains: names of the actuator chains that describe it.
     """
 
     name: str
@@ -191,6 +192,7 @@ class ServoModel:
     stops_short: int
     shifts_seam: bool
     speed_mode: SpeedMode | None = None
+    chains: tuple[str, ...] = ()
 
     @property
     def step(self) -> float:
@@ -249,6 +251,11 @@ def model_names() -> list[str]:
     return sorted({*(path.stem for path in FOLDER.glob("*.yaml")), *plugins.installed("servos")})
 
 
+def model_of_chain(chain: str) -> str | None:
+    """The servo model that an actuator chain describes, by its name; None: no table says that it is its own."""
+    return next((name for name in model_names() if chain in load_model(name).chains), None)
+
+
 def load_model(name: str) -> ServoModel:
     """The servo model of that name, or of a register table of one's own: the path of a YAML file.
 
@@ -300,6 +307,7 @@ def _table(path: Path) -> dict[str, Any]:
         return table
     like = str(table["like"])
     base = _table(path.parent / like if _is_file(like) else _table_of(like))
+    base.pop("chains", None)  # they describe that servo alone
     changed = {**base["registers"], **table.pop("registers", {})}
     return {**base, **table, "registers": {key: row for key, row in changed.items() if row is not None}}
 
@@ -328,6 +336,7 @@ def _made(name: str, table: Mapping[str, Any]) -> ServoModel:
         stops_short=int(table.get("stops_short", 0)),
         shifts_seam=bool(table.get("shifts_seam", False)),
         speed_mode=SpeedMode(**table["speed_mode"]) if table.get("speed_mode") else None,
+        chains=tuple(table.get("chains", ())),
     )
 
 
