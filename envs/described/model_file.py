@@ -18,7 +18,13 @@ from ..engine.numbers import RobotError
 from .model_couplings import couplings, led, unnamed
 from .model_drives import ModelDrive, both_ways, read_drives, wheels_of
 from .model_errors import uncompiled, unreadable
-from .model_meshes import told_guessed_masses, with_total_mass, without_masses_of_shapes, without_meshes_that_fail
+from .model_meshes import (
+    told_guessed_masses,
+    told_sizes,
+    with_total_mass,
+    without_masses_of_shapes,
+    without_meshes_that_fail,
+)
 from .model_sources import SUFFIXES, check_files
 from .urdf_text import mended_urdf, reductions
 
@@ -200,7 +206,7 @@ def _surveyed(path: Path, changed: int) -> ModelFile:
         mobility=_mobility(model, masses, ways),
         reductions=reductions(path),
         unnamed=unnamed(model),
-        said=said,
+        said=(*said, *told_sizes(model, path)),
         wheels={name: radius for name, radius in wheels_of(model, drives).items() if name not in followers},
         mass=float(mujoco.mj_getTotalmass(model)),
     )

@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from ...common.errors import WARNING
 from ..engine.numbers import RobotError
 from .model_errors import line_of
 
@@ -208,6 +209,36 @@ def told_guessed_masses(spec: mujoco.MjSpec, path: Path, said: list[str]) -> Non
             f"{path.name} gives no <inertial> for {len(given)} of its links; MuJoCo takes their shapes for solid, of "
             f"1000 kg/m3: {', '.join(given)}. Write their masses into the file."
         )
+
+
+LARGEST, HEAVIEST = 20.0, 500.0  # [m], [kg] of a robot, beyond which its file may have other units; assumed
+
+
+def told_sizes(model: mujoco.MjModel, path: Path) -> list[str]:
+    """Ask for the units of a URDF's robot that is larger or heavier than robots are, and name massless moving links.
+
+    Args:
+        model: compiled.
+        path: of the model.
+    """
+    if path.suffix.lower() != ".urdf":
+        return []
+    said, size, mass = [], float(model.stat.extent), float(mujoco.mj_getTotalmass(model))
+    if size > LARGEST:
+        said.append(
+            f"{WARNING}{path.name}: the robot is {size:.3g} m across; are its lengths millimetres? A URDF has metres."
+        )
+    if mass > HEAVIEST:
+        said.append(
+            f"{WARNING}{path.name}: the robot weighs {mass:.4g} kg; are its masses grams? A URDF has kilograms."
+        )
+    moved = (k for k in range(1, model.nbody) if model.body_jntnum[k])
+    if bare := [model.body(k).name for k in moved if model.body_mass[k] <= 0.0]:
+        said.append(
+            f"{path.name}: links that move without a mass of their own: {', '.join(bare)}; what is fixed to each "
+            "counts alone. Write their masses (<inertial>) into the file."
+        )
+    return said
 
 
 def plain_copy(spec: mujoco.MjSpec) -> mujoco.MjSpec:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import sealegs
 import yaml
 from sealegs.commands import new_robot
 from sealegs.envs.described.as_robot import as_robot
+from sealegs.envs.described.model_file import read_model
 from sealegs.envs.described.robot_described import along_frame
 from sealegs.envs.described.robot_file import load_robot_file
 from sealegs.envs.engine.numbers import RobotError
@@ -215,6 +217,37 @@ def test_the_ankles_of_two_legs_move_the_weight_that_stands_on_them(
     ankles = [item for item in file.joints if "ankle" in item.name]
     assert len(ankles) == 2 and file.height is not None
     assert all(item.chain.value("ideal.stiffness") > 2.0 * weight * 0.5 * file.height for item in ankles)
+
+
+@pytest.mark.parametrize(
+    ("part", "question"),
+    [
+        (link("trunk", 1.2, "0 0 0", box(300, 120, 60)), r"the robot is 3\d\d m across; are its lengths millimetres\?"),
+        (link("trunk", 1200, "0 0 0", box(0.3, 0.12, 0.06)), r"the robot weighs 1201 kg; are its masses grams\?"),
+    ],
+    ids=["millimetres", "grams"],
+)
+def test_a_robot_of_other_units_than_metres_and_kilograms_is_asked_about(
+    part: str, question: str, tmp_path: Path
+) -> None:
+    plain = quadruped()
+    (tmp_path / "dog.urdf").write_text(plain.replace(link("trunk", 1.2, "0 0 0", box(0.3, 0.12, 0.06)), part))
+    (tmp_path / "plain.urdf").write_text(plain)
+    (said,) = read_model(tmp_path / "dog.urdf").said
+    assert re.match(f"Warning: dog.urdf: {question} A URDF has", said) and not read_model(tmp_path / "plain.urdf").said
+
+
+MASSLESS = '<inertial><mass value="0"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+@pytest.mark.parametrize("inertial", ["", MASSLESS], ids=["without inertial", "of mass 0"])
+def test_links_that_move_without_a_mass_of_their_own_are_named(inertial: str, tmp_path: Path) -> None:
+    foot = link("foot", 0.1, "0 0 0", '<sphere radius="0.01"/>')
+    foot += '<joint name="weld" type="fixed"><parent link="calf_0"/><child link="foot"/></joint></robot>'
+    legs = re.sub(r'(<link name="calf_0">)<inertial>.*?</inertial>', rf"\1{inertial}", quadruped(), flags=re.DOTALL)
+    (tmp_path / "dog.urdf").write_text(legs.replace("</robot>", foot))
+    (said,) = read_model(tmp_path / "dog.urdf").said
+    assert "links that move without a mass of their own: calf_0; what is fixed to each counts alone." in said
 
 
 def test_a_foot_that_the_model_has_not_is_one_sentence(tmp_path: Path) -> None:
