@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -25,6 +25,32 @@ NAMED_IMU = re.compile(r"(?:^|[\W_])imu(?:$|[\W_\d])", re.IGNORECASE)
 """Names of sites and bodies that are an IMU."""
 
 
+MOST_TURNED = 2.0 * np.pi + 1e-3  # [rad] a whole turn, rounded up: an angle beyond it is in degrees
+MOST_DELAY = 1.0  # [s] of a sample, beyond which it is in milliseconds; assumed
+
+
+def check_units(where: str, rotation: Sequence[float] = (), delay: float = 0.0) -> None:
+    """Refuse degrees and milliseconds.
+
+    Args:
+        where: the IMU is described, for the message.
+        rotation: of it on its seat [rad].
+        delay: of its samples [s].
+
+    Raises:
+        RobotError: an angle is more than a turn, or the delay no sample's.
+    """
+    if any(abs(angle) > MOST_TURNED for angle in rotation):
+        told = ", ".join(f"{angle:g}" for angle in rotation)
+        raise RobotError(
+            f"{where}.rotation is [{told}], more than a turn (6.283 rad); give radians: 90 degrees are 1.5708."
+        )
+    if delay > MOST_DELAY:
+        raise RobotError(
+            f"{where}.delay is {delay:g} s; at most {MOST_DELAY:g} s is taken: give seconds, 20 ms are 0.02."
+        )
+
+
 def read_imu(document: Mapping[str, Any], robot: Robot) -> Imu:
     """The IMU of a robot.
 
@@ -33,9 +59,11 @@ def read_imu(document: Mapping[str, Any], robot: Robot) -> Imu:
         robot: that it is on.
 
     Raises:
-        SealegsError: the robot has no free base, or a key, value, site or body is none or moves against the base.
+        SealegsError: the robot has no free base, or a key, value, site or body is none or moves against the base,
+            or a number has another unit.
     """
     entry = checked_fields("imu", dict(document), ImuEntry)
+    check_units("imu", entry.rotation, entry.delay)
     assumed = Imu("")
     noise, bias = (
         checked_fields(f"imu.{key}", {**vars(getattr(assumed, key)), **getattr(entry, key)}, Spread)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...common.errors import SealegsError, nearest
 from ...configs.check import NotNegative, Positive, checked
+from ...envs.described.robot_imu import check_units
 from ...envs.engine import turns
 from ...envs.engine.base import quaternion
 from ...envs.engine.imu import Imu
@@ -42,12 +43,14 @@ def hidden_imu(imu: Imu, hidden: Mapping[str, Any], where: str) -> Imu:
             imu = replace(imu, **{kind: replace(getattr(imu, kind), **{name: found})})
         elif key == "rotation":
             angles = checked(f"{where}: imu.rotation", value, HIDES[key])
+            check_units(f"{where}: imu", angles)
             imu = replace(imu, mount=tuple(turns.multiply(np.array(imu.mount), quaternion(*angles)).tolist()))
         elif key in HIDES:
             imu = replace(imu, **{key: checked(f"{where}: imu.{key}", value, HIDES[key])})
         else:
             known = [*HIDES, *spreads]
             raise SealegsError(f"{where}: imu.{key} is unknown{nearest(key, known)}; there are {', '.join(known)}.")
+    check_units(f"{where}: imu", delay=imu.delay)
     return imu
 
 

@@ -376,6 +376,8 @@ def test_a_mount_is_of_the_site_and_the_rotation() -> None:
         ({"rate": 0}, r"imu\.rate must be more than 0"),
         ({"noise": {"gyro": 0.1}}, r"imu\.noise\.gyro is unknown"),
         ({"noise": {"turn_rate": -0.1}}, r"imu\.noise holds a standard deviation below 0"),
+        ({"rotation": [0, 0, 90]}, r"imu\.rotation is \[0, 0, 90\], more than a turn \(6\.283 rad\); give radians"),
+        ({"delay": 20}, r"imu\.delay is 20 s; at most 1 s is taken: give seconds, 20 ms are 0\.02\."),
         ({"delai": 0.1}, r"imu\.delai is unknown \(did you mean 'delay'\?\)"),
     ],
 )

@@ -122,7 +122,9 @@ def test_the_machine_may_hide_that_its_imu_is_turned(policy: Path, tmp_path: Pat
     assert abs(pitch[1][0] - pitch[0][0]) < 0.03
 
 
-@pytest.mark.parametrize("line", ["imu.dely: 0.1", "imu.delay: -1", "imu.rotation: 3"])
+@pytest.mark.parametrize(
+    "line", ["imu.dely: 0.1", "imu.delay: -1", "imu.delay: 20", "imu.rotation: 3", "imu.rotation: [0, 0, 90]"]
+)
 def test_what_no_imu_hides_is_refused(
     policy: Path, tmp_path: Path, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
