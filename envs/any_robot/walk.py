@@ -200,7 +200,14 @@ class WalkTask(Commanded):
                 f"robot '{self.robot.name}' has no contact switches to observe (switches=true): name them in its file, "
                 "such as imu: {switches: {fl_foot: {body: <its foot>}}}."
             )
-        type(self).standing_of()
+        if self.cadence is not None and self.cadence < 0.0:
+            raise SealegsError(f"cadence is {self.cadence:g} Hz; it must be above 0, or 0 for no reference gait.")
+        height = type(self).standing_of().height
+        if self.lift is not None and self.lift >= height:
+            raise SealegsError(
+                f"lift is {self.lift:g} m; no foot of {self.robot.name} is lifted as high as it stands, {height:.2g} "
+                "m: give less, in metres."
+            )
 
     @classmethod
     def on(cls, robot: Robot | str | Path) -> type[Self]:

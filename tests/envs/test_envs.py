@@ -291,6 +291,11 @@ def test_the_encoder_that_the_host_sees_is_that_of_the_chain() -> None:
         ({"alive_weight": [0, 1]}, "alive_weight takes a number"),
         ({"render_mode": "rgb"}, "no render_mode 'rgb' .*did you mean 'rgb_array'"),
         ({"id": "SeaLegs/Biped-v0", "hopping": [0, 1]}, "hopping takes a number"),
+        (
+            {"id": "SeaLegs/Walk-v0", "cadence": -2.0},
+            "cadence is -2 Hz; it must be above 0, or 0 for no reference gait",
+        ),
+        ({"id": "SeaLegs/Walk-v0", "lift": 15.0}, "lift is 15 m; no foot of quadruped is lifted as high as it stands"),
         ({"id": "SeaLegs/Biped-v0", "lift": 0.0}, "lift is 0.0; it must be a height above 0 m"),
         ({"id": "SeaLegs/Hexapod-v0", "actuator": {"leg7_vertical": "ideal"}}, "drives no 'leg7_vertical'"),
         ({"id": "SeaLegs/Hexapod-v0", "params": {"ratio": 0.5}}, "ratio is 0.5"),
