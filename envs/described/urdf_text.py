@@ -64,10 +64,11 @@ def mended_urdf(path: Path, said: list[str], missing: list[str]) -> str:
 
     Raises:
         DocumentError: it cannot be opened, or is no XML.
-        RobotError: a name stands twice, or a lower limit is above the upper one.
+        RobotError: a name stands twice, a mass is none, or a lower limit is above the upper one.
     """
     root = urdf_root(path)
     _named_once(root, path)
+    _masses_possible(root, path)
     _limits_in_order(root, path)
     _limits_in_radians(root, path, said)
     if has_macros(path):
@@ -128,6 +129,23 @@ def _named_once(root: ElementTree.Element, path: Path) -> None:
             raise RobotError(
                 f"{path}: more than one {kind} is called {', '.join(twice)}; give each {kind} a name of its own."
             )
+
+
+def _masses_possible(root: ElementTree.Element, path: Path) -> None:
+    """Refuse masses that no link has: MuJoCo takes one below 0 for none, and simulates with one that is no number.
+
+    Raises:
+        RobotError: there is one.
+    """
+    for link in root.findall("link"):
+        if (mass := link.find("inertial/mass")) is None:
+            continue
+        try:
+            kilograms = float(mass.get("value", "0"))
+        except ValueError:  # reading the robot says it
+            continue
+        if not 0.0 <= kilograms < math.inf:
+            raise RobotError(f"{path}: link '{link.get('name', '')}' has a mass of {kilograms:g} kg; give 0 or more.")
 
 
 def _limits_in_order(root: ElementTree.Element, path: Path) -> None:

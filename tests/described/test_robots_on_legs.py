@@ -250,6 +250,14 @@ def test_links_that_move_without_a_mass_of_their_own_are_named(inertial: str, tm
     assert "links that move without a mass of their own: calf_0; what is fixed to each counts alone." in said
 
 
+@pytest.mark.parametrize("mass", [-0.08, float("nan")])
+def test_a_mass_that_no_link_has_is_refused(mass: float, tmp_path: Path) -> None:
+    text = quadruped().replace('<mass value="0.08"/>', f'<mass value="{mass}"/>', 1)
+    (tmp_path / "dog.urdf").write_text(text)
+    with pytest.raises(RobotError, match=rf"dog\.urdf: link 'hip_0' has a mass of {mass:g} kg; give 0 or more\."):
+        read_model(tmp_path / "dog.urdf")
+
+
 def test_a_foot_that_the_model_has_not_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text(quadruped())
     path = tmp_path / "robot.yaml"
