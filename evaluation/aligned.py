@@ -61,23 +61,23 @@ class Aligned:
         self._base = self._unmeasured_base()
         self._fixed = [self._machine.model.joint(name).id for name in self._driven_joints()]
 
-    def levelled(self, run: Recording, window: float = WINDOW) -> Recording:
+    def levelled(self, run: Recording, window: float = WINDOW) -> tuple[Recording, np.ndarray]:
         """``run`` without the lean of its IMU's seat, where nothing but an IMU tells how the base turns.
 
         How it leans nobody knows. It is taken to lean, within what it is bought for, so that the base goes on from each
         window's start as it did: one that leans otherwise tips onto its feet.
+
+        Returns:
+            The run; and how far it may still lean, a standard deviation along the way that is known least (2,) [rad].
         """
         imu, turned, rows = self._robot.imu, run.turned, windows(run, window)
         if imu is None or turned is None or self._base is None or not rows or not imu.bias.orientation:
-            return run
-
-        def leaning(*sizes: float) -> Recording:
-            back = turns.inverse(turns.of_vector(imu.bias.orientation * np.array([*sizes, 0.0])))
-            return replace(run, turned=replace(turned, orientation=turns.multiply(turned.orientation, back)))
+            return run, np.zeros(2)
+        bias, seen = imu.bias.orientation, imu.noise.orientation + 1e-3
 
         @lru_cache
         def tips(*sizes: float) -> np.ndarray:
-            supposed = leaning(*sizes)
+            supposed = leaning(run, bias * np.array(sizes))
             assert supposed.turned is not None
             turn = self._predicted(supposed, window)[1]
             off = turns.projected_gravity(turn) - turns.projected_gravity(supposed.turned.at(run.time)[0])
@@ -89,9 +89,23 @@ class Aligned:
         analytic: Any = slopes  # SciPy's stubs know words alone
         found: Any = least_squares(
             lambda sizes: tips(*sizes), (0.0, 0.0), analytic, (-MOST_BIASED, MOST_BIASED),
-            loss="soft_l1", f_scale=imu.noise.orientation + 1e-3, max_nfev=LEVELLINGS,
+            loss="soft_l1", f_scale=seen, max_nfev=LEVELLINGS,
         )  # fmt: skip
-        return leaning(*found.x)
+        # windows differ in more than noise, so their spread tells how well the lean is known
+        left, slope = tips(*found.x), slopes(found.x)
+        weight = 1.0 / np.sqrt(1.0 + (left / seen) ** 2)
+        pulls = np.array([part.sum(axis=0) for part in np.split((slope.T * weight * left).T, len(rows))])
+        inverse = np.linalg.pinv((slope.T * weight) @ slope)
+        size, axes = np.linalg.eigh(inverse @ (pulls.T @ pulls) @ inverse)
+        unsure = axes[:, -1] * np.minimum(np.sqrt(max(size[-1], 0.0)), 1.0)
+        return leaning(run, bias * found.x), bias * unsure
+
+    def rehearsals(
+        self, run: Recording, unsure: np.ndarray, window: float = WINDOW
+    ) -> list[tuple[Recording, Recording]]:
+        """:meth:`rehearse`, leaning to both sides by what :meth:`levelled` does not know."""
+        leans = (unsure, -unsure) if unsure.any() else (None,)
+        return [self.rehearse(run, window, lean) for lean in leans]
 
     def _unmeasured_base(self) -> FreeBase | None:
         """The free base, where no sensor says how high it is."""
@@ -129,19 +143,20 @@ class Aligned:
     def _samples(self, run: Recording) -> _Samples:
         return _Samples(self._machine, self._switches, run.turned)
 
-    def rehearse(self, run: Recording, window: float = WINDOW) -> tuple[Recording, Recording]:
+    def rehearse(
+        self, run: Recording, window: float = WINDOW, lean: np.ndarray | None = None
+    ) -> tuple[Recording, Recording]:
         """What :meth:`predict` would come to if the machine were the model: what was measured, and its prediction.
 
         The machine is simulated into and through each window of ``run``, with its goals as they went out. It is read as
         servos are: when they were asked, while the log dates the reading to the middle of the transaction, in the steps
         of their encoders. It goes on from window to window as a machine does, whose integrators fill and whose legs
         brace each other within a step of their encoders. Where it has strayed, as a hopper does after some hops, it is
-        put where the machine was a window earlier.
+        put where the machine was a window earlier. Its IMU leans by ``lean`` (2,) [rad]; None: it does not.
         """
         measured, predicted, stride = blank(run), blank(run), _lengths(run, window)[1]
         asked = run.asked if len(run.asked) else run.time
-        model, data = self._machine.model, self._machine.data
-        turned, imu = run.turned, self._robot.imu
+        model, data, turned, imu = self._machine.model, self._machine.data, run.turned, self._robot.imu
         leans = np.empty((len(run.time), 0)) if turned is None else turns.projected_gravity(turned.at(run.time)[0])
         told = 0.0 if imu is None else np.hypot(imu.noise.orientation, imu.bias.orientation)
         places = np.concatenate([run.position, run.base, leans], axis=1)
@@ -171,7 +186,8 @@ class Aligned:
                 if read[name].size:
                     read[name][:] = step * np.round(read[name] / step)
             rows = np.arange(first - 1, last + 1)
-            part = replace(_recording(run, read), sent=run.sent, turned=samples.read(imu, last)).cut(rows)
+            seen = replace(_recording(run, read), sent=run.sent, turned=samples.read(imu, last)).cut(rows)
+            part = seen if lean is None else leaning(seen, lean)
             foreseen = blank(part)
             self._put(part, 1)
             self._follow(part, 1, len(rows) - 1, part.time, foreseen, foretold if foretold.switched else None)
@@ -324,6 +340,14 @@ class _Samples:
         return replace(true, orientation=orientation, turn_rate=turn_rate)
 
 
+def leaning(run: Recording, lean: np.ndarray) -> Recording:
+    """A run without a lean of its IMU about the level axes (2,) [rad]."""
+    if (turned := run.turned) is None:
+        return run
+    back = turns.inverse(turns.of_vector(np.array([*lean, 0.0])))
+    return replace(run, turned=replace(turned, orientation=turns.multiply(turned.orientation, back)))
+
+
 def _lengths(run: Recording, window: float) -> tuple[int, int]:
     """Rows of a window, and from the start of one to that of the next: no gait has all of them at one moment of it."""
     rows = max(round(window / run.period), 2)
@@ -386,7 +410,8 @@ def ratios(found: np.ndarray, accounted: np.ndarray) -> tuple[np.ndarray, np.nda
     """How many times what is accounted for an error is (s,), and by what chance it would be as many where they are one.
 
     Windows differ: in one of them a foot lands. Where machine and model are one, what was found and what is accounted
-    for could change places in any window, so the ratio is compared with those after such exchanges.
+    for could change places in any window, so the ratio is compared with those after such exchanges. It is told without
+    the window that adds most to it: a robot on two feet that tips to the other side once is no gap.
 
     Args:
         found, accounted: mean squares in the same windows (w, s).
@@ -400,7 +425,9 @@ def ratios(found: np.ndarray, accounted: np.ndarray) -> tuple[np.ndarray, np.nda
     difference = swapped @ (accounted - found) / len(found)
     drawn = ratio(found.mean(axis=0) + difference, accounted.mean(axis=0) - difference)
     own = ratio(found.mean(axis=0), accounted.mean(axis=0))
-    return own, (1.0 + (drawn >= own * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + DRAWS)
+    kept = np.arange(len(found))[:, None] != np.argmax(found - accounted, axis=0)
+    told = ratio((kept * found).mean(axis=0), (kept * accounted).mean(axis=0))
+    return np.minimum(told, own), (1.0 + (drawn >= own * (1.0 - 1e-9)).sum(axis=0)) / (1.0 + DRAWS)
 
 
 # --- where a free base is whose place nobody measured: turned as its IMU says, and on its floor with its nearest

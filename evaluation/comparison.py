@@ -117,15 +117,16 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
         run = simulate(model, commands(), limits, rate, spent)
         runs[name] = run.cut(min(len(run.time), len(machine.time)))
         aligned = Aligned(model)
-        level = aligned.levelled(machine)
-        predicted, (rehearsed, foreseen) = aligned.predict(level), aligned.rehearse(level)
+        level, unsure = aligned.levelled(machine)
+        predicted, rehearsals = aligned.predict(level), aligned.rehearsals(level, unsure)
+        rehearsed, foreseen = rehearsals[0]
         unpredictable = find_departures(rehearsed, foreseen, robot)  # not even where nothing differs
         departures = {
             signal: at
             for signal, at in find_departures(machine, predicted, robot).items()
             if signal not in unpredictable
         }
-        accounted = np.maximum(squares(rehearsed, foreseen), aligned.rounding)
+        accounted = np.maximum(accounted_for(rehearsals), aligned.rounding)
         gap = gap_of(squares(machine, predicted), accounted, robot)
         departures = departures if gap["gap"] is not None else {}
         first = min(departures, key=lambda signal: departures[signal], default=None)
@@ -149,6 +150,13 @@ def compare(config: Mapping[str, Any], folder: Path, say: Callable[[str], None] 
 def hides_nothing(virtual: Mapping[str, Any] | None) -> bool:
     """Whether a machine is a virtual one, and as everybody believes."""
     return virtual is not None and not any(virtual.get(key) for key in ("hidden", "actuator", "params"))
+
+
+def accounted_for(rehearsals: Sequence[tuple[Recording, Recording]]) -> np.ndarray:
+    """Mean squares of the windows (w, k + b) of the rehearsal in which each signal is off the furthest."""
+    found = np.stack([squares(*each) for each in rehearsals])
+    most = found.mean(axis=1).argmax(axis=0)
+    return np.take_along_axis(found, most[None, None, :], axis=0)[0]
 
 
 def gap_of(found: np.ndarray, accounted: np.ndarray, robot: ServoRobot) -> dict[str, Any]:

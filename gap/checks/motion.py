@@ -8,6 +8,7 @@ import numpy as np
 
 from ...actuators.chain import Chain
 from ..log.finding import Finding, Severity
+from ..log.parts import gaps
 from ..log.types import FACTOR, TURN_IN_UNITS
 from .context import JointContext
 from .signal import FOLLOWS_SHARE, MIN_SAMPLES, same_unit
@@ -100,7 +101,9 @@ def _wraps(joint: JointContext) -> Iterator[Finding]:
         usual, slow = np.quantile(length, (0.99, 0.9))
         whole = (np.abs(length / FULL_TURN - 1.0) < 0.2) & (length > 12.0 * slow)  # however often
         one_turn = np.ptp(values) < 1.1 * FULL_TURN  # in degrees it would be a lot more
-        jumps = np.flatnonzero(((length > 1.0) & (length > 12.0 * usual)) | (whole & one_turn))
+        far = (length > 1.0) & (length > 12.0 * usual)
+        far[gaps(joint.time)] = False  # it moved meanwhile
+        jumps = np.flatnonzero(far | (whole & one_turn))
         if not len(jumps):
             yield from _other_turn(joint, signal)
             continue

@@ -366,8 +366,10 @@ def _guessed(found: Replayed) -> Verdict:
     )
     why = _falls(found)
     refitted, unit = found.measured.gap["refitted"].rmse, found.structure.unit
-    if refitted <= found.measured.gap["extended"].rmse:
+    if refitted <= THRESHOLDS.at_noise * found.measured.gap["extended"].rmse:
         why += f" The numbers that the model has, refitted up to fivefold, do as well: {size(refitted, unit)}."
+        if any(cause.name.startswith("load.") for cause in found.causes):
+            why += " Weigh the load, or log duty and current: they tell a heavier load from a weaker motor."
     return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("guessed", why), *_noticed(found)))
 
 

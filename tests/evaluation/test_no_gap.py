@@ -13,7 +13,7 @@ import pytest
 from sealegs.configs.compose import compose
 from sealegs.envs.robots import get_robot
 from sealegs.evaluation.aligned import Aligned, FreeBase, squares, touches
-from sealegs.evaluation.comparison import NOMINAL_MACHINE, contacts_of, gap_of, hides_nothing, verdict
+from sealegs.evaluation.comparison import NOMINAL_MACHINE, accounted_for, contacts_of, gap_of, hides_nothing, verdict
 from sealegs.evaluation.figures import Contact
 from sealegs.evaluation.page import headline
 from sealegs.hw.bus.registers import load_model
@@ -63,11 +63,11 @@ def told_of_a_walk(hidden: str | None, seconds: float) -> tuple[float | None, fl
     robot, limits = build_robot(settings), Limits.from_config(settings["safety"])
     gait = TaskReference("walk", robot, {"forward": 0.2})
     aligned, run = Aligned(robot), simulate(robot, gait, limits, 50.0, seconds, hidden)
-    level = aligned.levelled(run)
-    predicted, rehearsed = aligned.predict(level), aligned.rehearse(level)
-    accounted = np.maximum(squares(*rehearsed), aligned.rounding)
+    level, unsure = aligned.levelled(run)
+    predicted, rehearsals = aligned.predict(level), aligned.rehearsals(level, unsure)
+    accounted = np.maximum(accounted_for(rehearsals), aligned.rounding)
     found = gap_of(squares(run, predicted), accounted, robot)
-    contacts = contacts_of(robot, touches(level, predicted), touches(*rehearsed)[0])
+    contacts = contacts_of(robot, touches(level, predicted), touches(*rehearsals[0])[0])
     assert list(contacts) == ["front_left", "front_right", "rear_left", "rear_right"]
     return found["gap"], found["same_goals"], list(contacts.values())
 

@@ -33,6 +33,13 @@ def clean(seed: int = 0) -> MeasuredSet:
     return hidden_bench({}, seed)[0]
 
 
+def without(run: MeasuredRun, since: float, until: float) -> MeasuredRun:
+    """A run that lacks the samples of a stretch."""
+    keep, log = (run.time < since) | (run.time > until), run.joints[JOINT]
+    kept = {name: values[keep] for name, values in log.signals().items()}
+    return replace(run, time=run.time[keep], joints={JOINT: replace(log, **kept)})
+
+
 def found(run: MeasuredRun, code: str) -> Finding:
     findings = [finding for finding in check_run(run) if finding.code == code]
     assert findings, f"{code} not among {[finding.code for finding in check_run(run)]}"
@@ -191,6 +198,16 @@ def test_an_encoder_that_wraps_on_every_swing_is_named() -> None:
     assert found(with_log(run, goal=goal, position=wrapped), "position.wrap").value == pytest.approx(2 * np.pi, rel=0.1)
 
 
+@pytest.mark.parametrize("unit", [1.0, 180.0 / np.pi])
+def test_what_a_joint_moved_in_a_gap_of_its_log_is_no_wrap(unit: float) -> None:
+    """53 degrees within a second that was not logged were a wrap of the encoder, and the positions were converted."""
+    run = clean().runs[0]
+    swing = unit * 0.9 * np.sin(2 * np.pi * 0.2 * run.time)
+    gapped = without(with_log(run, goal=swing, position=swing), 6.8, 8.2)
+    assert "clock.gaps" in {finding.code for finding in check_run(gapped)}
+    assert "position.wrap" not in {finding.code for finding in check_run(gapped)}
+
+
 def test_a_log_that_lies_on_another_turn_than_its_goals_is_named_and_put_back() -> None:
     run = clean().runs[0]
     turned = with_log(run, position=signal(run, "position") - 4 * np.pi)
@@ -294,11 +311,7 @@ def test_saturation_and_a_switched_off_drive_are_noted() -> None:
 
 def test_gaps_irregular_and_rounded_clocks_are_found() -> None:
     run = clean().runs[0]
-    keep = (run.time < 5.0) | (run.time > 5.4)
-    log = run.joints[JOINT]
-    cut = {name: values[keep] for name, values in log.signals().items()}
-    gap = replace(run, time=run.time[keep], joints={JOINT: replace(log, **cut)})
-    assert found(gap, "clock.gaps").value == pytest.approx(0.4, abs=0.02)
+    assert found(without(run, 5.0, 5.4), "clock.gaps").value == pytest.approx(0.4, abs=0.02)
     shaky = np.cumsum(np.random.default_rng(0).uniform(0.002, 0.008, len(run.time)))
     assert found(replace(run, time=shaky), "clock.irregular")
     assert found(replace(run, time=np.arange(1, len(run.time) + 1) * 0.0053 // 0.001 * 0.001), "clock.quantised")
