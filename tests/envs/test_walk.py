@@ -501,7 +501,7 @@ def test_strides_that_are_left_open_make_up_for_the_way_that_the_gait_lacks() ->
     ],
 )
 def test_a_gait_that_falls_or_does_worse_than_standing_is_told(
-    worse: dict[str, float], says: str, capsys: pytest.CaptureFixture[str]
+    worse: dict[str, Any], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given: dict[str, Any] = {"cadence": CADENCE, "forward": (0.0, 0.1), "sideways": 0.0, "turn_stride": None}
     BatchEngine(WalkTask(**given | worse), 1)
