@@ -47,6 +47,7 @@ from ..verdict.verdict import NOT_IDENTIFIABLE, NOTHING, JointDiagnosis, Reason,
 from .switches import Switched
 
 EARLIEST_LAG = -0.03  # [s] of its lag behind the legs: joints are read late, too
+SOUGHT_FROM = EARLIEST_LAG + 1e-6  # [s] an interval that begins below it ends where the search does: it has no end
 MIN_CARRIED_SHARE = 0.65  # share of the variance of the turn rate that the legs must explain in a run that is used
 MIN_TURN_DEVIATIONS = 4.0
 """Standard deviations about an axis of the believed bias, from which a turn about any is worth a word."""
@@ -147,8 +148,7 @@ class Legs:
         lag = self.rates.lag
         below, above = (np.hypot(lag - end, 2.0 * CONTACT_LAG_SPREAD) for end in (self.rates.low, self.rates.high))
         low, high = float(lag - below), float(lag + above)
-        known = self.rates.low > EARLIEST_LAG + 1e-6  # else it ends where the search does
-        if known and abs(lag - delay) > MIN_EXTRA_DELAY and (low - delay) * (high - delay) > 0.0:
+        if self.rates.low > SOUGHT_FROM and abs(lag - delay) > MIN_EXTRA_DELAY and (low - delay) * (high - delay) > 0.0:
             found.append(
                 Finding(
                     "imu.delay", "warning", IMU, "base.imu.age",
@@ -199,20 +199,15 @@ def _against_legs(runs: Sequence[MeasuredRun], robot: Robot, frames: dict[str, F
     def blocks(grounds: Sequence[_Beside], lag: float) -> list[_Rows]:
         return [block for one in grounds for block in one.blocks(lag)]
 
-    pairs = [told[0] for told in ways]
+    pairs, *others = [[told[k] if k < len(told) else told[0] for told in ways] for k in range(max(map(len, ways)))]
     best = matched(pairs)
     if best is None:
         return None
-    lags, elsewhere = [best.lag], []
-    for k in range(1, max(map(len, ways))):
-        others = [told[k] if k < len(told) else told[0] for told in ways]
-        if (other := matched(others)) is not None:
-            lags.append(other.lag)
-            elsewhere.append(blocks(others, other.lag))
+    elsewhere = [(found, grounds) for grounds in others if (found := matched(grounds)) is not None]
     near = (best.lag, best.lag - 0.5 * MIN_EXTRA_DELAY, best.lag + 0.5 * MIN_EXTRA_DELAY)
-    turned = _turn([blocks(pairs, lag) for lag in near], elsewhere)
-    ends = best.low <= EARLIEST_LAG + 1e-6  # where the search does: it stays there
-    later = 0.0 if ends else float(np.mean(lags)) - best.lag
+    turned = _turn([blocks(pairs, lag) for lag in near], [blocks(grounds, found.lag) for found, grounds in elsewhere])
+    mean = float(np.mean([best.lag, *(found.lag for found, _ in elsewhere)]))
+    later = mean - best.lag if best.low > SOUGHT_FROM else 0.0
     found = replace(best, lag=best.lag + later, low=best.low + later, high=best.high + later)
     names = [] if robot.imu is None else [switch.name for switch in robot.imu.switches]
     logged = bool(names) and all(name in one.log.switches for name in names for one in pairs)
@@ -324,7 +319,7 @@ def _in_blocks(time: Array) -> list[np.ndarray]:
     return np.array_split(np.arange(len(time)), count) if count else []
 
 
-def _turn(lags: Sequence[list[_Rows]], elsewhere: Sequence[list[_Rows]] = ()) -> tuple[np.ndarray, np.ndarray]:
+def _turn(lags: Sequence[list[_Rows]], elsewhere: Sequence[list[_Rows]]) -> tuple[np.ndarray, np.ndarray]:
     """The turn (3,) [rad] that makes what was measured what the legs ask for, and its standard deviation.
 
     About the vertical its deviation is the crosstalk of the level axes at least: where feet slip or the robot trips,

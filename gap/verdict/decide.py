@@ -369,7 +369,7 @@ def _guessed(found: Replayed) -> Verdict:
     if refitted <= THRESHOLDS.at_noise * found.measured.gap["extended"].rmse:
         why += f" The numbers that the model has, refitted up to fivefold, do as well: {size(refitted, unit)}."
         if any(cause.name.startswith("load.") for cause in found.causes):
-            why += " Weigh the load, or log duty and current: they tell a heavier load from a weaker motor."
+            why += " A weaker motor looks like a heavier load: weigh it, or log duty and current, where one is missing."
     return Verdict(NOT_IDENTIFIABLE, sentence, (Reason("guessed", why), *_noticed(found)))
 
 

@@ -226,7 +226,9 @@ def test_an_imu_that_is_mounted_another_way_is_named(mount: Rotation, says: str)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("hidden", "trim", "codes"), [("0.0", 0.025, []), ("0.0873", 0.0, ["imu.turned"])])
+@pytest.mark.parametrize(
+    ("hidden", "trim", "codes"), [("0.0", 0.0, []), ("0.0", 0.025, []), ("0.0873", 0.0, ["imu.turned"])]
+)
 def test_a_virtual_quadruped_that_turns_tells_only_an_imu_that_sits_turned(
     hidden: str, trim: float, codes: list[str], tmp_path: Path
 ) -> None:
@@ -260,6 +262,8 @@ def test_a_diagnosis_of_the_imu_alone_takes_no_joint_and_a_screen_says_it_once()
     (imu,) = found.joints
     assert imu.joint == "imu" and found.verdict == EXPLAINED
     assert " ".join(screen(found.joints, {}, 100)).count("swapped") == 1
+    with pytest.raises(LogError, match=r"no IMU that can be judged: it lacks base\.imu\.w, "):
+        diagnose([replace(run, base={}) for run in runs], joints=["imu"])
 
 
 def test_of_an_imu_that_is_asked_for_the_columns_that_the_log_lacks_are_named() -> None:
