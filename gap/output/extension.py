@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
 import yaml
-from scipy.optimize import lsq_linear
 
 from ...actuators import Chain, load_chain
 from ...envs.described.robot_numbers import inertia_about
@@ -19,7 +19,7 @@ from ...envs.extended import FILE, Change, Extended, Mounted, Owner
 from ..causes.catalogue import adjustable
 from ..causes.load import STOPS
 from ..load.robot import Frame, LoggedRobot, robot_of, with_frames
-from ..load.tree import NO_LEVER, arm_of, carries, tip_behind
+from ..load.tree import NO_LEVER, arm_of, carries
 from ..log.sidecar import relative_robot
 from ..log.types import MeasuredRun, MeasuredSet
 from ..measure.case import ROBOT
@@ -27,6 +27,7 @@ from ..replay.joint_model import JointModel
 from ..replay.parameters import Target, about, address
 from ..robot.directions import every
 from ..verdict.verdict import JointDiagnosis
+from .carried import FACTOR, PAYLOAD, Told, bodies_carried
 from .mjcf import native_mjcf, not_native
 
 __all__ = ["as_taken", "changes", "extended_of", "not_native", "readable", "write_extended", "write_extension"]
@@ -109,7 +110,8 @@ def extended_of(diagnoses: Sequence[JointDiagnosis], data: MeasuredSet, taken: T
     if robot is not None:  # numbers of joints become those of bodies, in the frame of the robot's model
         common = [change for item in every for change in shared_changes(robot, item)]
         ranges = [change for item in diagnoses for change in widened_range(robot, item, found)]
-        found = of_robot(robot, [*found, *ranges, *common])
+        told = {(one.joint, number): cause for one in diagnoses for cause in one.causes for number in cause.parameters}
+        found = of_robot(robot, [*found, *ranges, *common], told)
         chains = {
             joint: tuple(Mounted(robot.frame(joint).chain_to_model(item.chain), item.file) for item in variants)
             for joint, variants in chains.items()
@@ -272,44 +274,41 @@ def readable(chain: Chain) -> Chain:
 # A joint of a tree is judged with its angle as the log has it and with what hangs behind it as one load. The robot's
 # model has bodies and an angle of its own, so both are turned into those here.
 
-BELIEF_WEIGHT = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
 RANGE_MARGIN = 0.02  # of a joint's motion by which a range must be wider than what the log shows
-CARRIED = ("load.mass_factor", "load.payload", "load.centre_shift")
+CARRIED = (FACTOR, PAYLOAD, "load.centre_shift")
 """Numbers of a joint that say what its bodies weigh."""
-MAX_DILUTION = 2.0
-"""By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
 
 
-def of_robot(robot: LoggedRobot, changes: Sequence[Change]) -> list[Change]:
+def of_robot(robot: LoggedRobot, changes: Sequence[Change], told: Told = MappingProxyType({})) -> list[Change]:
     """Changes of a robot, those of loads by body and in the frame of its model.
 
-    Where what joints carry is named, factors on it that others only tuned are no evidence against it.
+    Where what joints carry is named, what others only tuned of it is no evidence against it.
+
+    Args:
+        robot: that was logged.
+        changes: of its joints, and of what they share.
+        told: causes that are named, by joint and path.
     """
     named = {_body(robot, one) for one in changes if one.owner == "robot" and one.cause} - {0}
     kept: list[Change] = []
-    weights: dict[str, Change] = {}
+    carried: list[Change] = []
     inertias: dict[str, Change] = {}
-    payloads: dict[str, list[Change]] = {}
     for change in changes:
         name = change.joint
         if change.owner != "robot" or robot.number(name) < 0:
             kept.append(change)
         elif change.path in STOPS:
             kept.append(_stop(robot.frame(name), change))
-        elif change.path == "load.mass_factor":
+        elif change.path in (FACTOR, PAYLOAD):
             if change.cause or change.refitted or not _related(robot.model, robot.number(name), named):
-                weights[name] = change
+                carried.append(change)
         elif change.path == "load.extra_inertia" and not robot.slides(name):
             inertias[name] = change
-        elif change.path == "load.payload":
-            tip = tip_behind(robot.model, robot.number(name))
-            payloads.setdefault(robot.model.body(tip.body).name, []).append(change)
         elif change.path == "load.centre_shift":
             kept += _shift(robot, change)
         else:
             kept.append(change)
-    kept += [_payload(body, found) for body, found in payloads.items()]
-    return [*kept, *_inertias(robot, inertias), *_masses(robot, weights)]
+    return [*kept, *_inertias(robot, inertias), *bodies_carried(robot, carried, told)]
 
 
 def _body(robot: LoggedRobot, change: Change) -> int:
@@ -324,12 +323,6 @@ def _related(model: mujoco.MjModel, number: int, bodies: Collection[int]) -> boo
     own = int(model.jnt_bodyid[number])
     above = [int(model.body_jntadr[body]) for body in bodies if model.body_jntnum[body]]
     return any(carries(model, number, body) for body in bodies) or any(carries(model, joint, own) for joint in above)
-
-
-def _payload(body: str, found: Sequence[Change]) -> Change:
-    """One payload of a body, whichever joints found it: what is named counts, and what was tuned beside only alone."""
-    said = [change for change in found if change.cause] or list(found)
-    return Change(body, "body.payload", 0.0, float(np.mean([c.after for c in said])), said[0].cause, "robot")
 
 
 def _inertias(robot: LoggedRobot, found: Mapping[str, Change]) -> list[Change]:
@@ -408,68 +401,3 @@ def _shift(robot: LoggedRobot, change: Change) -> list[Change]:
         for letter, part in zip("xyz", arm / size, strict=True)
         if abs(part) > 1e-9
     ]
-
-
-def _masses(robot: LoggedRobot, found: Mapping[str, Change]) -> list[Change]:
-    """Factors on the masses of bodies that agree best with what the joints found of all that hangs behind them."""
-    if not found:
-        return []
-    model = robot.model
-    owner = _owners(robot, [robot.number(name) for name in found])
-    names = {robot.number(name): name for name in found}
-    groups = sorted(set(owner.values()))
-    rows, wanted = [], []
-    for number, name in names.items():
-        share = np.array([_weight(model, number, [b for b, o in owner.items() if o == group]) for group in groups])
-        if (whole := share.sum()) > 0.0:
-            rows.append(share / whole)
-            wanted.append(found[name].after - 1.0)
-    table = np.concatenate([np.array(rows).reshape(-1, len(groups)), BELIEF_WEIGHT * np.eye(len(groups))])
-    # joints that contradict each other by a little would otherwise take nearly all of a light body's mass away
-    most = MAX_DILUTION * max(max(map(abs, wanted), default=0.0), 1e-9)
-    change = lsq_linear(table, np.array([*wanted, *np.zeros(len(groups))]), bounds=(-most, most)).x
-    changes = []
-    for group, more in zip(groups, change, strict=True):
-        of = found[names[group]]
-        changes += [
-            dataclasses.replace(
-                of, joint=model.body(b).name, path="body.mass_factor", before=1.0, after=max(1.0 + float(more), 0.05)
-            )
-            for b, o in owner.items()
-            if o == group and model.body_mass[b] > 0.0 and model.body(b).name
-        ]
-    return changes
-
-
-def _owners(robot: LoggedRobot, numbers: Sequence[int]) -> dict[int, int]:
-    """For each body behind any of these joints, the nearest of them above it."""
-    model = robot.model
-    at = {int(model.jnt_bodyid[number]): number for number in numbers}
-    owner: dict[int, int] = {}
-    for body in range(1, model.nbody):
-        number = at.get(body, owner.get(int(model.body_parentid[body])))
-        if number is not None:
-            owner[body] = number
-    return owner
-
-
-def _weight(model: mujoco.MjModel, joint: int, bodies: Sequence[int]) -> float:
-    """How much bodies weigh in what a joint feels: inertia at the file's pose [kg.m2], or mass of a slide [kg]."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    above = int(model.jnt_bodyid[joint])
-    total = 0.0
-    for body in bodies:
-        carrier = body
-        while carrier > 0 and carrier != above:
-            carrier = int(model.body_parentid[carrier])
-        if carrier != above:
-            continue
-        if int(model.jnt_type[joint]) != int(mujoco.mjtJoint.mjJNT_HINGE):
-            total += float(model.body_mass[body])
-            continue
-        axis, away = data.xaxis[joint], data.xipos[body] - data.xanchor[joint]
-        turn = data.ximat[body].reshape(3, 3).T @ axis
-        own = float(turn @ (model.body_inertia[body] * turn))
-        total += own + float(model.body_mass[body]) * float(away @ away - (away @ axis) ** 2)
-    return total
