@@ -36,6 +36,22 @@ def single(name: str, magnitude: str, seed: int) -> Case:
     return Case(((name, magnitude),), seed)
 
 
+FIRST, FURTHER = 626, 48  # seed and number of the cases of every kind that come after those that were chosen
+
+
+def further(number: int) -> Case:
+    """A case of a row in which each effect comes once: a null, a stranger, one effect or two."""
+    names, size = sorted(EFFECTS), ("clear", "moderate", "faint")[number % 3]
+    if number % 8 == 3:
+        return Case((), 50_304 + number)
+    if number % 16 == 7:
+        return single(sorted(STRANGERS)[number // 16 % len(STRANGERS)], size, FIRST + number)
+    first = (names[number % len(names)], size)
+    if number % 4 == 1:
+        return Case((first, (names[(number + 17) % len(names)], "clear")), FIRST + number)
+    return Case((first,), FIRST + number)
+
+
 CASES = (
     single("friction.coulomb", "moderate", 400),
     Case((), 50_300),
@@ -59,6 +75,7 @@ CASES = (
     single("drive.rate_limit", "faint", 623),
     Case((("sensor.delay", "clear"), ("load.inertia", "clear")), 624),
     single("friction.viscous", "moderate", 625),
+    *(further(number) for number in range(FURTHER)),
 )
 """Cases that are recorded, in an order in which the first few are of every kind."""
 
