@@ -15,7 +15,7 @@ from sealegs.envs.extended import Extended
 from sealegs.gap.causes.cause import Cause
 from sealegs.gap.diagnose import diagnose
 from sealegs.gap.load.robot import LoggedRobot, Machine
-from sealegs.gap.load.terms import T_COLUMNS
+from sealegs.gap.load.terms import T_COLUMNS, T_DRAWN
 from sealegs.gap.load.tree import block_along
 from sealegs.gap.log.types import MeasuredRun
 from sealegs.gap.measure.case import ROBOT, Case
@@ -24,7 +24,7 @@ from sealegs.gap.measure.named import CERTAIN, Error, NamedCause, Value
 from sealegs.gap.output.extension import shared_changes
 from sealegs.gap.output.pictures.first_look import budget_slices
 from sealegs.gap.prepare.pieces import cut_joint
-from sealegs.gap.replay.parameters import Parameter, factor
+from sealegs.gap.replay.parameters import TIGHT, Parameter, factor
 from sealegs.gap.replay.tree import motion_of
 from sealegs.gap.robot.directions import (
     ROW_RATE,
@@ -45,7 +45,7 @@ from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
 
 from testbed.logs import hidden_arm
-from tests.logged_robots import JOINTS, robot, two_link_run
+from tests.logged_robots import JOINTS, free_replay, robot, two_link_run
 
 
 @pytest.fixture(scope="module")
@@ -421,6 +421,21 @@ def test_sags_of_other_sizes_are_of_the_joints_own_wires() -> None:
     apart = sagging({"hip": (0.18, 0.2, 0.22), "knee": (0.68, 0.7, 0.72)})
     assert with_supply(apart, None) == apart
     assert with_supply(alone := sagging({"hip": (0.6, 0.7, 0.8)}), None) == alone
+
+
+def test_a_sag_under_what_neighbours_draw_is_known_as_well_as_their_motors(recorded: MeasuredRun) -> None:
+    """An arm on 0.506 ohm was told 0.476, and 0.495 at most, by joints whose neighbours' motors were 5 % off."""
+    problem = free_replay(recorded, "elbow")
+    assert problem.terms is not None
+    drawn = np.zeros_like(problem.terms)
+    drawn[:, T_DRAWN] = 0.8
+    blind, seen = np.array([1.0, 0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 1.0])
+    alone, beside, logged = (
+        replace(problem, terms=terms, weight=weight).systematic_error(RESISTANCE)
+        for terms, weight in ((problem.terms, blind), (drawn, blind), (drawn, seen))
+    )
+    assert alone == logged < TIGHT < beside
+    assert replace(problem, terms=drawn, weight=blind).systematic_error("friction.coulomb") == alone
 
 
 def test_the_supply_comes_beside_the_latency_of_all_joints() -> None:
