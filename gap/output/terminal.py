@@ -20,7 +20,7 @@ from ..experiment import DetectionLimit
 from ..experiment.proposal import EXPERIMENT_REPEATS, VISIBLE_DIFFERENCE
 from ..log.finding import MAX_TOLD
 from ..log.sidecar import read_sidecar
-from ..measure.named import NamedCause, Value
+from ..measure.named import ONE_OF_SEVERAL, NamedCause, Value
 from ..prepare.frames import DOUBTED
 from ..replay.tree import HELD
 from ..robot.together import FirstLook
@@ -296,7 +296,10 @@ def next_step(
         driven = any(item.problem is not None and item.problem.free_joint is None for item in diagnoses)
         held = next((f.sentence for item in diagnoses for f in item.findings if f.code == HELD), "")
         return MISSING.format(needed=_needed(diagnoses)) + (f" {held}" if held else DESCRIBE if driven else ""), ()
-    hidden = any(item.verdict == NOT_IDENTIFIABLE for item in diagnoses)
+    hidden = any(
+        item.verdict == NOT_IDENTIFIABLE or any(cause.standing == ONE_OF_SEVERAL for cause in item.causes)
+        for item in diagnoses
+    )
     settled = REFITTED if any(item.refitted for item in diagnoses) else OPEN if hidden else SETTLED
     if any(map(_by_torque, diagnoses)):
         return TORQUES.format(settled=settled, file=written["extended"]), ()

@@ -29,7 +29,7 @@ from sealegs.gap.log.finding import Finding
 from sealegs.gap.log.parts import cut
 from sealegs.gap.log.types import JointLog, LogError, MeasuredRun
 from sealegs.gap.measure.case import Replay
-from sealegs.gap.measure.named import CERTAIN, NEAR_MISS, Error, NamedCause, OpenCause, Value
+from sealegs.gap.measure.named import CERTAIN, NEAR_MISS, ONE_OF_SEVERAL, Error, NamedCause, OpenCause, Value
 from sealegs.gap.output import terminal
 from sealegs.gap.output.extension import write_extended
 from sealegs.gap.output.numbers import number, percent, rounded, sureness
@@ -337,6 +337,9 @@ def test_after_refitted_numbers_nobody_is_told_that_nothing_is_open(monkeypatch:
     beside_hidden = [found(verdict=EXPLAINED), found(verdict=NOT_IDENTIFIABLE, joint="knee", causes=())]
     monkeypatch.setattr(terminal, "overall", lambda documents: {"verdict": EXPLAINED})
     assert "cannot show stays open" in terminal.next_step(beside_hidden, files)[0]
+    known = found(verdict=EXPLAINED)
+    vague = known.changed(causes=tuple(replace(one, standing=ONE_OF_SEVERAL) for one in known.causes))
+    assert vague.causes and "cannot show stays open" in terminal.next_step([known, vague], files)[0], "it has rivals"
 
 
 def test_what_is_missing_is_told_by_why_the_link_is_held() -> None:
@@ -407,7 +410,7 @@ def test_nobody_is_told_to_train_what_torques_drive(
     problem = SimpleNamespace(joint=SimpleNamespace(models=(model,)))
     found: Any = SimpleNamespace(
         joint="elbow",
-        causes=("one",),
+        causes=(SimpleNamespace(standing=CERTAIN),),
         model="extended",
         problem=problem,
         experiment=None,
