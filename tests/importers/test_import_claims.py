@@ -13,8 +13,9 @@ from sealegs.commands.cli import main
 from sealegs.gap.load.robot import robot_of
 from sealegs.gap.log import LogError, read_measured
 from sealegs.gap.log.importers import import_logs, propose_for, read_recordings
-from sealegs.gap.log.importers.clocks import in_force
+from sealegs.gap.log.importers.clocks import clock_fault, in_force
 from sealegs.gap.log.importers.dialects import dialects
+from sealegs.gap.log.importers.expression import evaluate, lost_sign
 from sealegs.gap.log.reader import measured_set
 from sealegs.gap.prepare.columns import check_robot, commanded
 
@@ -279,3 +280,100 @@ def test_a_robot_without_any_command_is_refused_with_what_to_log(tmp_path: Path)
     assert robot is not None
     with pytest.raises(LogError, match=r"no joint can be judged; log what each joint was told as shoulder\.goal"):
         check_robot(runs, robot)
+
+
+SLOW = np.interp(TIME, TIME, np.where(np.sin(2.0 * TIME) > 0.0, 0.6, -0.6))
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_positions_the_one_that_goes_as_far_as_the_goal_is_the_joints(tmp_path: Path, order: int) -> None:
+    """A motor before a gear of 50 was taken for its joint where its column came first."""
+    columns = {"goal_rad": ANGLE, "motor_pos_rad": 50.0 * LATE, "joint_pos_rad": LATE}
+    found = proposed(tmp_path, dict([*columns.items()][::order])).mapping
+    assert found.columns["joint.position"] == "joint_pos_rad" and not found.questions
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_of_two_goals_the_one_that_the_position_follows_drove_it(tmp_path: Path, order: int) -> None:
+    """The end points of a motion were taken for the goals that led there."""
+    columns = {"target_rad": SLOW, "setpoint_rad": ANGLE, "pos_rad": LATE}
+    found = proposed(tmp_path, dict([*columns.items()][::order])).mapping
+    assert found.columns["joint.goal"] == "setpoint_rad" and not found.questions
+
+
+def test_a_position_that_goes_far_beyond_its_goal_is_asked_about(tmp_path: Path) -> None:
+    (ask,) = asked(proposed(tmp_path, {"goal_rad": ANGLE, "pos_rad": 20.0 * LATE})).values()
+    assert "moves 20 times as far, as that of a motor before its gear" in ask
+    assert not asked(proposed(tmp_path, {"goal_rad": ANGLE, "pos_rad": 0.7 * LATE}))
+
+
+def test_a_velocity_of_the_other_sign_is_asked_about(tmp_path: Path) -> None:
+    speed = np.gradient(LATE, TIME)
+    found = asked(proposed(tmp_path, {**RAD, "vel_rad_s": -speed}))
+    assert "Write -vel_rad_s" in found["joint.velocity"]
+    assert not asked(proposed(tmp_path, {**RAD, "vel_rad_s": speed}))
+
+
+def test_a_voltage_that_changes_its_sign_is_no_supply(tmp_path: Path) -> None:
+    found = proposed(tmp_path, {**RAD, "voltage_V": 4.0 * np.sin(TIME)})
+    assert "joint.voltage" not in found.mapping.columns and "no voltage of the supply" in found.text
+    assert "joint.voltage" in proposed(tmp_path, {**RAD, "voltage_V": 7.4 + 0.1 * np.sin(TIME)}).mapping.columns
+
+
+@pytest.mark.parametrize(("bits", "reading"), [(16, "signed16({})"), (32, "signed32({})"), (16, "sign_bit({}, 15)")])
+def test_a_register_whose_sign_was_lost_gets_it_back(bits: int, reading: str) -> None:
+    """Positions of 51 rad, and a speed that was called memory that nobody wrote."""
+    true = np.round(500.0 * ANGLE)
+    lost = np.where(true < 0.0, 2.0 ** (bits - 1) - true if "bit" in reading else 2.0**bits + true, true)
+    assert lost_sign(lost) == reading
+    np.testing.assert_array_equal(evaluate(reading.replace("{}", "x"), {"x": lost}, "here"), true)
+    for other in (
+        true,
+        np.abs(true),
+        2.0 ** (bits - 1) + 5000.0 * np.abs(np.round(ANGLE)),
+        np.arange(2.0**15, 2.0**16),
+    ):
+        assert lost_sign(other) == ""
+
+
+def test_a_lost_sign_is_read_back_in_every_line_of_its_column(tmp_path: Path) -> None:
+    true = np.round(300.0 * ANGLE)
+    found = proposed(tmp_path, {**RAD, "current_mA": np.where(true < 0.0, 65536.0 + true, true)}).mapping
+    assert found.columns["joint.current"].startswith("signed16(current_mA)")
+
+
+def test_counts_of_several_turns_keep_their_question_whatever_unit_is_answered(tmp_path: Path) -> None:
+    """`unit=ticks` moved their zero by half a turn, without a word."""
+    counts = np.round(4000.0 * LATE) - 3000.0
+    found = proposed(tmp_path, {"goal": np.round(4000.0 * ANGLE) - 3000.0, "pos": counts}, "ticks")
+    assert "which one is 0 rad" in asked(found)["joint.position"]
+    assert not asked(
+        proposed(tmp_path, {"goal": np.round(600.0 * ANGLE) + 2048.0, "pos": np.round(600.0 * LATE) + 2048.0}, "ticks")
+    )
+
+
+def test_a_clock_is_told_how_to_go_over_midnight_and_to_leave_out_late_rows() -> None:
+    stamps = 86_395.0 + TIME
+    over = np.where(stamps >= 86_400.0, stamps - 86_400.0, stamps)
+    assert "wrapped(<column>, 86400)" in clock_fault(over)
+    np.testing.assert_allclose(evaluate("wrapped(x, 86400)", {"x": over}, "here"), stamps)
+    late = TIME.copy()
+    late[[40, 41]] = late[[41, 40]]
+    assert "later(<column>)" in clock_fault(late)
+    again = np.concatenate([TIME, [np.nan], TIME])
+    assert f"where: {len(TIME)} - row" in clock_fault(again), "without the row between two recordings"
+
+
+def test_rows_that_come_twice_are_left_out(tmp_path: Path) -> None:
+    often = np.where(np.arange(len(TIME)) % 4, 1, 2)
+    twice = {name: np.repeat(values, often) for name, values in {"time": TIME, **RAD}.items()}
+    found = proposed(tmp_path, twice).mapping
+    assert found.where == "later(time)" and not found.questions
+
+
+def test_goals_that_come_in_rows_of_their_own_are_held(tmp_path: Path) -> None:
+    odd = np.arange(len(TIME)) % 2 == 1
+    found = proposed(
+        tmp_path, {"goal_rad": np.where(odd, ANGLE, np.nan), "pos_rad": np.where(odd, np.nan, LATE)}
+    ).mapping
+    assert found.columns["joint.goal"] == "hold(goal_rad)" and "known(pos_rad)" in str(found.where)

@@ -196,19 +196,25 @@ def ranked(signal: str, claims: Sequence[Claim]) -> list[Claim]:
     that it was made of.
     """
 
-    def rank(claim: Claim) -> tuple[object, ...]:
-        words = claim.words
-        supply = words & {"in", "input", "bus"} or is_a("supply", *words)
-        return (
-            signal == "position" and not (claim.unit in ("", "?", "tick", "%") or measures(claim.unit, "angle", "way")),
-            not claim.sure, is_a("filtered", *words), claim.unit in ("tick", "%"),
-            bool(claim.ask), signal == "goal" and is_action(claim),
-            signal == "goal" and bool(words & {"planned", "interpolated", "ipo"}),
-            signal == "current" and bool(supply), signal == "current" and not words & {"q", "iq"},
-            len(claim.column),
-        )  # fmt: skip
+    return sorted(claims, key=lambda claim: (*_rank(signal, claim), len(claim.column)))
 
-    return sorted(claims, key=rank)
+
+def first_of(signal: str, claims: Sequence[Claim]) -> list[Claim]:
+    """The best of them, shortest name first: more than one where names do not tell which it is."""
+    best, *others = ranked(signal, claims)
+    return [best, *(one for one in others if _rank(signal, one) == _rank(signal, best))]
+
+
+def _rank(signal: str, claim: Claim) -> tuple[object, ...]:
+    words = claim.words
+    supply = words & {"in", "input", "bus"} or is_a("supply", *words)
+    return (
+        signal == "position" and not (claim.unit in ("", "?", "tick", "%") or measures(claim.unit, "angle", "way")),
+        not claim.sure, is_a("filtered", *words), claim.unit in ("tick", "%"),
+        bool(claim.ask), signal == "goal" and is_action(claim),
+        signal == "goal" and bool(words & {"planned", "interpolated", "ipo"}),
+        signal == "current" and bool(supply), signal == "current" and not words & {"q", "iq"},
+    )  # fmt: skip
 
 
 def is_action(claim: Claim) -> bool:

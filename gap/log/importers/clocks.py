@@ -19,6 +19,9 @@ FASTEST_USUAL_PERIOD = 1e-4  # [s] of the fastest logs that are usual
 SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of clocks [s]."""
 SECONDS_SINCE_1970 = (9e8, 4.2e9)  # [s] of 1998 to 2103
+DAYS = tuple(86400.0 / second for second in (1.0, 1e-3, 1e-6, 1e-9))
+"""A day in the units of clocks."""
+OF_A_DAY = 0.01  # share of a day by which a jump back may be shorter: a recording has no rows for a while
 NEVER = "it never changes"
 RATE = re.compile(r"(.*[._])?(fs|fps|hz|f_?sampl\w*|(sampl\w*|action|control|loop)_?(rate|freq\w*|hz))(_?hz)?", re.I)
 STEP = re.compile(r"(.*[._])?(ts|dt|delta_?t|t_?sampl\w*|sampl\w*(time|period|step|interval))(_[a-z]+)?", re.I)
@@ -185,10 +188,19 @@ def clock_fault(values: Array) -> str:
     if (steps <= 0.0).all():
         return "it runs backwards: turn the order of the rows round"
     if (steps < 0.0).any():
-        row = int(finite[1:][steps < 0.0][0])
+        at = int(np.flatnonzero(steps < 0.0)[0])
+        row, back = int(finite[at]) + 1, -float(steps[at])
+        said = f"it jumps back in row {int(finite[at + 1]) + 1}"
+        if day := next((day for day in DAYS if abs(back / day - 1.0) < OF_A_DAY), 0.0):
+            return f"{said}, as the time of day does at midnight: write wrapped(<column>, {day:g}), in seconds"
+        if np.nanmax(values[row:]) > values[row - 1]:
+            return (
+                f"{said} and goes on beyond: leave out rows that come too late by `where: later(<column>)`, or part "
+                "the file where a recording ends"
+            )
         return (
-            f"it jumps back in row {row + 1}: part the file where a recording ends, keep the first by `where: {row} - "
-            "row`, or write counter(<column>), in seconds, of a counter that overflows"
+            f"{said}: part the file where a recording ends, keep the first by `where: {row} - row`, or write "
+            "counter(<column>), in seconds, of a counter that overflows"
         )
     if np.median(steps) == 0.0:
         return (

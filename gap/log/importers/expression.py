@@ -75,13 +75,38 @@ def sign_bit(counts: Any, bit: Any) -> Array:
     return np.where(cells >= sign, sign - cells, cells)
 
 
+def complement(counts: Any, bits: int) -> Array:
+    """Numbers of a register of so many bits that were read without their sign, in two's complement."""
+    cells = np.asarray(counts, np.float64)
+    return np.where(cells >= 2.0 ** (bits - 1), cells - 2.0**bits, cells)
+
+
+def longest_jump(counts: Array) -> float:
+    """The longest step from one known cell to the next."""
+    known = counts[np.isfinite(counts)]
+    return float(np.abs(np.diff(known)).max(initial=0.0))
+
+
 def shows_sign(counts: Array, bit: int) -> bool:
     """Whether counts of a register (n,) go on without their long jumps where a bit is read as their sign."""
+    return _register(counts, bit + 1) and longest_jump(sign_bit(counts, bit)) < STEADIER_SHARE * longest_jump(counts)
+
+
+def _register(counts: Array, bits: int) -> bool:
+    """Whether counts are whole numbers that need no more than so many bits."""
     known = counts[np.isfinite(counts)]
-    if len(known) < 2 or (known != np.round(known)).any() or known.min() < 0.0 or known.max() >= 2.0 ** (bit + 1):
-        return False
-    plain, signed = (float(np.abs(np.diff(values)).max()) for values in (known, sign_bit(known, bit)))
-    return signed < STEADIER_SHARE * plain
+    return len(known) > 1 and not (known != np.round(known)).any() and 0.0 <= known.min() <= known.max() < 2.0**bits
+
+
+def lost_sign(counts: Array) -> str:
+    """The reading, with ``{}`` for the column, by which counts of a register (n,) go on without their long jumps: their
+    sign was lost; empty where none was."""
+    bits = next((bits for bits in (16, 32) if _register(counts, bits)), 0)
+    if not bits or np.nanmax(counts) < 2.0 ** (bits - 1):
+        return ""
+    ways = {f"signed{bits}({{}})": complement(counts, bits), f"sign_bit({{}}, {bits - 1})": sign_bit(counts, bits - 1)}
+    best = min(ways, key=lambda way: longest_jump(ways[way]))
+    return best if longest_jump(ways[best]) < STEADIER_SHARE * longest_jump(counts) else ""
 
 
 CONSTANTS = {"pi": math.pi}
@@ -96,7 +121,9 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "unwrap": (1, passing(np.unwrap)),
     "cumsum": (1, passing(np.cumsum)),
     "counter": (1, without_overflows),
-    "signed16": (1, lambda counts: np.where(np.asarray(counts) > 32767, np.asarray(counts) - 65536, counts)),
+    "wrapped": (2, lambda values, period: passing(lambda known: np.unwrap(known, period=float(period)))(values)),
+    "signed16": (1, lambda counts: complement(counts, 16)),
+    "signed32": (1, lambda counts: complement(counts, 32)),
     "sign_bit": (2, sign_bit),
     "min": (2, np.minimum),
     "max": (2, np.maximum),

@@ -30,6 +30,7 @@ DERIVATIVE_FIT = 0.7
 """Share of a motion that the derivative of the position explains, from which a velocity's size is compared."""
 SAME_UNIT = math.log(1.05)
 """A velocity is in the unit in which it is within this factor of what the position does."""
+AGAINST = "It goes against the derivative of the position. Write -{text}, or remove the line"
 UNTIMED = "in which unit is this velocity? No name says it, and while the time is in question no derivative tells it"
 ELECTRICAL = "how many pole pairs times gear ratio make these electrical rpm those of the joint? Divide by that number"
 
@@ -61,6 +62,9 @@ STEPS = (
 )
 SHARES = ", and that stay within 0 to 100"
 COUNTS = f"how many counts are a turn, and which one is 0 rad? {STEPS_A_TURN} and 0 stand in these lines"
+GOAL_COUNTS = (
+    f"how many counts of this goal are a turn, and which one is 0 rad? {STEPS_A_TURN} and {STEP_AT_ZERO} stand there"
+)
 SHARE = (
     "a share of the calibrated range, whose ends are low and high in rad (slide: m)? 0..100 is unit=percent beside "
     "robot=<its file>, or low + <column>/100*(high - low)"
@@ -179,6 +183,11 @@ class Position:
         return max(abs(self.low), abs(self.high))
 
     @property
+    def in_a_turn(self) -> bool:
+        """Whether it stays within the steps of a turn of a servo."""
+        return self.low >= 0.0 and self.high < STEPS_A_TURN
+
+    @property
     def share(self) -> bool:
         """Whether it stays within 0 to 100, but for 2 % of that, goes beyond 0 to 1, and shows no encoder."""
         return self.low >= -2.0 and 2.0 < self.high <= 102.0 and encoder(self.values) is None
@@ -253,7 +262,7 @@ def _steps(one: Position, middle: int, trust: str, why: str, ask: str = "") -> L
 
 def _counted(one: Position) -> Line:
     """Steps of an encoder, asked about: those of a servo, or of a turn that nobody says."""
-    servo = one.low >= 0.0 and one.high < STEPS_A_TURN
+    servo = one.in_a_turn
     return _steps(one, STEP_AT_ZERO * servo, ASK, "counts of an encoder", STEPS if servo else COUNTS)
 
 
@@ -317,6 +326,8 @@ def position_lines(found: Sequence[Position], unit: str | None, source: Path) ->
 def _answered(one: Position, line: Line, unit: str, of_arm: bool) -> Line | None:
     """A position in the unit of the answer; None where that cannot be its unit, and its question stays."""
     if unit == TICKS and whole_numbers(one.values) and one.far < MOST_STEPS and not one.slide:
+        if not one.in_a_turn:  # which of several turns has 0 rad, no answer says
+            return _counted(one)
         why = f"unit= says {TICKS}, {STEPS_A_TURN} a turn and {STEP_AT_ZERO} at 0 rad: edit them for other servos"
         return _steps(one, STEP_AT_ZERO, LIKELY, why)
     if unit == PERCENT and one.share:
@@ -354,11 +365,17 @@ def velocity_line(claim: Claim, goes: Relation | None, base: Line) -> Line:
     if unit and not rate:
         return Line(quoted(name), "?", ASK, f"{says}, which is no unit of a velocity")
     best, off, shown = "", math.inf, ""
-    if goes is not None and goes.fit > DERIVATIVE_FIT and goes.scale > 0.0 and base.factor and not hangs:
-        factor, shown = base.factor / goes.scale, f"{goes.scale:.3g} times the derivative of the position as logged"
+    along = goes is not None and goes.fit > DERIVATIVE_FIT and goes.scale > 0.0
+    if goes is not None and along:
+        shown = f"{goes.scale:.3g} times the derivative of the position as logged"
+    if goes is not None and along and base.factor and not hangs:
+        factor = base.factor / goes.scale
         best, off = nearest_unit(factor, ((one, size) for one, (_, size) in rates.items()))
         if rate and abs(math.log(factor / rate.factor)) > off + 0.01:
             return in_unit(name, unit, ASK, f"{says}, but it is {shown}, as {best} would be")
+    if goes is not None and goes.fit > DERIVATIVE_FIT and goes.scale < 0.0 and not hangs:
+        line = in_unit(name, unit if rate else next(iter(rates)), ASK, "it goes against the derivative of the position")
+        return line.but(ask=f"does this velocity count the other way round? {AGAINST.format(text=line.text)}")
     if rate:
         return in_unit(name, unit, SURE, says)
     if off < SAME_UNIT:
@@ -391,6 +408,9 @@ def goal_line(claim: Claim, base: Line) -> Line:
     if line := of_dialect(claim):
         return line
     unit, by = told(claim.unit), claim.by
+    if unit == "tick" != base.unit:
+        text = f"({quoted(claim.column)} - {STEP_AT_ZERO})*2*pi/{STEPS_A_TURN}"
+        return Line(text, "tick", ASK, "counts of an encoder", GOAL_COUNTS)
     if unit and not measures(unit, *POSITION) and base.unit not in (unit, {"%": "percent"}.get(unit)):
         why = f"{by} says {unit}, which is no unit of an angle or a way"
         return in_unit(claim.column, unit, ASK, why, base.ask)
@@ -415,6 +435,7 @@ def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Ar
     clock = np.arange(len(goal), dtype=np.float64) * 0.01 if time is None else time
     own, known = (measures(one.unit, *POSITION) for one in (line, base))
     times, why = abs(goes.scale), ""
+    further = times * known.factor / own.factor if own and known else 0.0
     open_unit = line.why.startswith("in the unit of") or base.open
     if goes.fit < COMPARED_FIT and move_apart(clock, goal, position, COMPARED_FIT):
         why = "The position does not move as it does"
@@ -425,10 +446,12 @@ def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Ar
     elif goes.fit > FOLLOWED_FIT and time is not None and goes.lag > LONGEST_LAG - MOTION_WINDOW:
         why = f"The position follows it best after {goes.lag:.2g} s, the longest delay that is looked at"
     elif (
-        own and known and open_unit and base.trust != ASK and goes.fit > COMPARED_FIT and times
-        and abs(math.log(times * known.factor / own.factor)) > math.log(ANOTHER_UNIT)
+        further and open_unit and base.trust != ASK and goes.fit > COMPARED_FIT
+        and abs(math.log(further)) > math.log(ANOTHER_UNIT)
     ):  # fmt: skip
         why = f"In the file the position moves {times:.2g} times as far, as in another unit"
+    elif further > ANOTHER_UNIT and base.trust != ASK and goes.fit > COMPARED_FIT:
+        why = f"The position moves {further:.2g} times as far, as that of a motor before its gear does"
     late = (
         f"; the position follows it by {1e3 * goes.lag:.0f} ms" if goes.fit > FOLLOWED_FIT and time is not None else ""
     )

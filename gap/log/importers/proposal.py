@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Collection, Sequence
 from collections.abc import Mapping as AnyMapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import yaml
 
 from ..types import COMMANDS, TOLD, Array
-from .claims import ONLY_JOINT, Claimed, claims_of, is_action, placed, plain, ranked, renamed
+from .claims import ONLY_JOINT, Claimed, claims_of, first_of, is_action, placed, plain, ranked, renamed
 from .clocks import find_clock
-from .dialects import Dialect, dialects
-from .expression import evaluate, hold, measures, names_in, quoted
+from .dialects import Dialect, claimed, dialects
+from .expression import evaluate, hold, lost_sign, measures, names_in, quoted
 from .lines import (
     ACTIONS,
     ASK,
+    COMPARED_FIT,
     LIKELY,
     SURE,
     Line,
@@ -35,11 +37,16 @@ from .lines import (
 from .mapping import Mapping, Question
 from .motion import Relation, as_derivative, following, span
 from .names import Claim, said
-from .recording import MOST_OF_THEM, STRAY_SHARE, Recording
+from .recording import STRAY_SHARE, Recording
 
 MEASURED_BY_MOTION = ("velocity", "torque", "current")
 LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
+SIGNED_SHARE = 0.1
+"""Share of its size by which a voltage must go below zero to be no supply's."""
+ALIKE_FIT, ALIKE_WAY = 0.1, math.log(2.0)
+"""By how much less of a motion a goal may explain, and how much less alike their ways may be, for a pair of goal and
+position to do as well as the best: names decide then."""
 LOAD_IN_PERCENT = (
     "Is it the duty, as the load of Feetech's servos is? Keep the line then; if it is a torque in percent, remove it"
 )
@@ -133,8 +140,10 @@ class _Proposer:
         self, recordings: Sequence[Recording], unit: str | None, slides: Collection[str], known: Sequence[Dialect],
         joints: Collection[str],
     ) -> None:  # fmt: skip
-        self.recordings, self.slides, self.known, self.robot = recordings, slides, known, joints
-        self.first = max(recordings, key=lambda recording: recording.length)
+        self.signed = _lost_signs(recordings, known)
+        self.recordings = [_with_signs(recording, self.signed) for recording in recordings]
+        self.slides, self.known, self.robot = slides, known, joints
+        self.first = max(self.recordings, key=lambda recording: recording.length)
         self.out, self.unit, self.time = Proposal(), unit, ""
         self.claimed = Claimed()
 
@@ -149,6 +158,12 @@ class _Proposer:
             self.read_joint(joint, own, positions[joint], lines[positions[joint].claim.column])
         self.share_strays()
         self.ask_for_what_lacks()
+        for name, line in out.columns.items():
+            for column, reading in self.signed.items():
+                if column in names_in(line.text):
+                    text = line.text.replace(quoted(column), reading.replace("{}", quoted(column)))
+                    why = f"{line.why}; its sign was lost"
+                    out.columns[name] = line.but(text=text, why=why)
         return out
 
     def find_time(self) -> None:
@@ -159,7 +174,8 @@ class _Proposer:
         if self.timed:
             steps = np.diff(self.clock(self.first))
             repeated = int((steps == 0.0).sum())
-            if 0 < repeated <= STRAY_SHARE * len(steps) + 1 and not (steps < 0.0).any():
+            stray = repeated <= STRAY_SHARE * len(steps) + 1 or self.doubled(steps)
+            if repeated > 0 and stray and not (steps < 0.0).any():
                 self.out.keep.append(f"later({clock.line.text})")
         self.claimed = placed(self.first, self.known, {*clock.unused, *names_in(clock.line.text)})
         measured = [joint for joint, own in self.claimed.groups.items() if own.get("position")]
@@ -168,13 +184,47 @@ class _Proposer:
         why = "nobody says what it is: no dialect has it, and its name says no signal of a log"
         self.out.unused |= dict.fromkeys(self.claimed.nobodys, why) | self.first.left
 
+    def doubled(self, steps: Array) -> bool:
+        """Whether each row without a step of the time before it (n - 1,) is the row before once more."""
+        rows = np.flatnonzero(steps == 0.0)
+        return all(np.array_equal(one[rows], one[rows + 1], equal_nan=True) for one in self.first.columns.values())
+
     def choose(self, signals: dict[str, list[Claim]]) -> dict[str, Claim]:
         """One of several columns of each signal; of the others it is said why they are left out."""
         chosen = {signal: ranked(signal, claims)[0] for signal, claims in signals.items() if claims}
+        if {"position", "goal"} <= chosen.keys():
+            chosen["position"], chosen["goal"] = self.pair(
+                *(first_of(key, signals[key]) for key in ("position", "goal"))
+            )
         for signal, best in chosen.items():
             others = (other.column for other in signals[signal] if other is not best)
             self.out.unused |= dict.fromkeys(others, f"{signal} as well; {best.column} is taken")
         return chosen
+
+    def pair(self, positions: Sequence[Claim], goals: Sequence[Claim]) -> tuple[Claim, Claim]:
+        """A position and the goal that it follows, as far as it goes; of those that do alike, the first by their names.
+
+        A motor turns further than the joint behind its gear, and a drive does not follow the end of a way at once.
+        """
+        pairs = [(position, goal) for position in positions for goal in goals]
+        if len(pairs) == 1:
+            return pairs[0]
+        goes = [self.follows(*pair) for pair in pairs]
+        best = max(fit for fit, _ in goes)
+        near = [k for k, (fit, _) in enumerate(goes) if fit >= best - ALIKE_FIT]
+        least = min(goes[k][1] for k in near)
+        return next(pairs[k] for k in near if goes[k][1] <= least + ALIKE_WAY) if best > COMPARED_FIT else pairs[0]
+
+    def follows(self, position: Claim, goal: Claim) -> tuple[float, float]:
+        """Share of a position's motion that a goal explains, and how far from equal their ways are, a logarithm."""
+        run = self.moved(position.column)
+        values = run.columns[goal.column]
+        goes = following(self.clock(run), hold(values), run.columns[position.column])
+        own, other = (measures(one.unit, "angle", "way") for one in (position, goal))
+        known = own is not None and other is not None
+        times = goes.scale * (own.factor / other.factor if own and other else 1.0)
+        alike = known or position.unit == goal.unit
+        return (goes.fit if goes.scale > 0.0 else 0.0), abs(math.log(times)) if alike and times > 0.0 else 0.0
 
     def position(self, joint: str, chosen: dict[str, Claim], signals: dict[str, list[Claim]]) -> Position:
         claim, run = chosen["position"], self.moved(chosen["position"].column)
@@ -218,7 +268,7 @@ class _Proposer:
         """The goal of a joint, with how late its position comes, and what speaks against its being one."""
         values = run.columns[claim.column]
         known = np.isfinite(values)
-        sparse = bool(known.any()) and 1.0 - known.mean() > MOST_OF_THEM
+        sparse = bool(known.any()) and 1.0 - known.mean() > STRAY_SHARE
         steady = hold(values) if sparse else values
         goes = following(self.clock(run), steady, position.values)
         line = goal_line(claim, base)
@@ -238,6 +288,8 @@ class _Proposer:
         known = np.abs(values[np.isfinite(values)])
         if signal in MEASURED_BY_MOTION and span(values) == 0.0:
             return f"a {signal} that never changes is not measured"
+        if signal == "voltage" and float(np.nanmin(values)) < -SIGNED_SHARE * float(known.max(initial=0.0)):
+            return "it changes its sign, as what a motor gets does: no voltage of the supply"
         odd = known[(known > LARGEST_WRITTEN) | ((known > 0.0) & (known < LARGEST_WRITTEN**-20))]
         if signal not in ("position", "goal") and len(odd):
             return f"it holds {odd[0]:.3g}, which is no {signal.replace('_', ' ')} but memory that nobody wrote"
@@ -300,6 +352,27 @@ class _Proposer:
             return np.arange(run.length, dtype=np.float64) * 0.01
         seconds = np.asarray(evaluate(self.out.columns["time"].text, run.known_names(), str(run.source)), np.float64)
         return seconds - seconds[0]
+
+
+def _lost_signs(recordings: Sequence[Recording], known: Sequence[Dialect]) -> dict[str, str]:
+    """How columns are read whose sign was lost, by name, but for those that a dialect reads itself."""
+    said = claimed(recordings[0], known)
+    own = {column for column, claim in said.items() if "sign" in claim.formula or claim.signal == "time"}
+    found = {}
+    for recording in recordings:
+        for column, values in recording.columns.items():
+            if column not in own and column not in found and (reading := lost_sign(values)):
+                found[column] = reading
+    return found
+
+
+def _with_signs(recording: Recording, signed: AnyMapping[str, str]) -> Recording:
+    """The recording with these columns as they are read."""
+    columns = {
+        name: np.asarray(evaluate(signed[name].replace("{}", "x"), {"x": values}, name)) if name in signed else values
+        for name, values in recording.columns.items()
+    }
+    return replace(recording, columns=columns)
 
 
 def spelled(joints: Collection[str], robot: Collection[str]) -> dict[str, str]:
