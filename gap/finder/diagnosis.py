@@ -38,6 +38,7 @@ from ..robot.together import (
     FirstLook,
     agreed_latency,
     beside_latency,
+    joined,
     look_at,
     seek_latency,
     with_latency,
@@ -154,7 +155,7 @@ def diagnose(
 
 def _shared_once(found: list[JointDiagnosis], request: Request) -> list[JointDiagnosis]:
     """The diagnoses with the latency and the supply told once, where joints share them."""
-    late, latency = agreed_latency(found) if request.latency is None else (found, request.latency)
+    late, latency = agreed_latency(found) if request.latency is None else joined(found, request.latency)
     return with_supply(with_latency(late, latency), latency)
 
 

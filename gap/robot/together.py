@@ -170,8 +170,39 @@ def agreed_latency(diagnoses: Sequence[JointDiagnosis]) -> tuple[list[JointDiagn
         return list(diagnoses), None  # what no joint tells from a late reading is not told of all of them
     sure = sum(told[joint].confidence for joint in joints) / len(replayed)
     found = Latency(mean, max(mean - half, 0.0), mean + half, believed.pop(), tuple(joints), sure)
-    late = [headed(_without(one, told[one.joint], NUMBER), found) if one.joint in joints else one for one in diagnoses]
-    return late, found
+    return _late_by(found, diagnoses, told), found
+
+
+def joined(diagnoses: Sequence[JointDiagnosis], found: Latency) -> tuple[list[JointDiagnosis], Latency]:
+    """The latency with the joints that a first look left out, and that their own search found as late as the others.
+
+    Args:
+        diagnoses: of the joints, and of the robot.
+        found: the latency of all joints, as a first look found it.
+    """
+    told = {one.joint: cause for one in diagnoses for cause in one.causes if cause.name == DELAY
+            and one.joint not in (*found.joints, ROBOT) and _within(cause, found)}  # fmt: skip
+    joints = (*found.joints, *told)
+    known = replace(found, joints=joints, confidence=min(found.confidence * len(joints) / len(found.joints), 1.0))
+    return _late_by(known, diagnoses, told), known
+
+
+def _within(cause: NamedCause, found: Latency) -> bool:
+    """Whether the delay of a joint may be the latency of all."""
+    value = cause.parameters.get(NUMBER)
+    return value is not None and value.low <= found.high and found.low <= value.high
+
+
+def _late_by(
+    found: Latency, diagnoses: Sequence[JointDiagnosis], told: Mapping[str, NamedCause]
+) -> list[JointDiagnosis]:
+    """The diagnoses, with the latency of all joints in place of the delays that joints were told."""
+    return [
+        headed(_without(one, told[one.joint], NUMBER), found)
+        if one.joint in told and one.joint in found.joints
+        else one
+        for one in diagnoses
+    ]
 
 
 def _agreed(

@@ -39,7 +39,15 @@ from sealegs.gap.robot.directions import (
 )
 from sealegs.gap.robot.judged import beside_before
 from sealegs.gap.robot.search import SharedFound, affected, helped
-from sealegs.gap.robot.together import RESISTANCE, SAG, agreed_latency, beside_latency, with_latency, with_supply
+from sealegs.gap.robot.together import (
+    RESISTANCE,
+    SAG,
+    agreed_latency,
+    beside_latency,
+    joined,
+    with_latency,
+    with_supply,
+)
 from sealegs.gap.search.latency import DELAY, NUMBER, Latency, agreeing, apart_from, mean_of
 from sealegs.gap.search.settings import DEFAULT
 from sealegs.gap.verdict.verdict import EXPLAINED, NOT_IDENTIFIABLE, JointDiagnosis, Reason
@@ -490,3 +498,13 @@ def test_a_latency_of_two_joints_of_six_is_not_that_of_the_bus() -> None:
     others = [judged(joint, sentence="", tuned_share=0.0) for joint in ("a", "b", "c", "d")]
     late = [*late_joints({"wrist": 0.0206, "jaw": 0.0205}), *others]
     assert agreed_latency(late)[1] is None
+
+
+def test_a_joint_that_a_first_look_left_out_has_the_latency_of_all_where_its_search_finds_it() -> None:
+    """A shoulder beside a weaker motor was told 18.0 ms of its own, where all others shared 17.7."""
+    less = replace(FOUND, confidence=0.6)
+    (shoulder,), found = joined(late_joints({"shoulder": FOUND.value + 4e-4}), less)
+    assert found.joints == (*FOUND.joints, "shoulder") and found.confidence > less.confidence
+    assert not shoulder.causes and shoulder.sentence.startswith("The latency of all joints")
+    other = late_joints({"shoulder": FOUND.value + 5e-3})
+    assert joined(other, less) == (other, less), "it is later than the bus"
