@@ -20,6 +20,7 @@ from ..experiment import DetectionLimit
 from ..experiment.proposal import EXPERIMENT_REPEATS, VISIBLE_DIFFERENCE
 from ..log.finding import MAX_TOLD
 from ..log.sidecar import read_sidecar
+from ..measure.case import ROBOT
 from ..measure.named import ONE_OF_SEVERAL, NamedCause, Value
 from ..prepare.frames import DOUBTED
 from ..replay.tree import HELD
@@ -98,7 +99,7 @@ def _joint(diagnosis: JointDiagnosis, width: int, told: Collection[str] = ()) ->
         if diagnosis.shared:
             yield from _wrapped(f"{'all joints':{longest}s}  {_share(diagnosis.shared_share)}", width, 2)
         if diagnosis.tuned_share >= 5e-4:
-            name = "refitted numbers" if diagnosis.refitted else "tuned numbers"
+            name = rest_of(diagnosis)
             yield from _wrapped(f"{name:{longest}s}  {_share(diagnosis.tuned_share)}", width, 2)
         if diagnosis.unexplained >= MUCH_LEFT:
             left = f"{_share(diagnosis.unexplained)}{_left(diagnosis)}"
@@ -249,6 +250,13 @@ def _numbers(seen: Look, unit: str) -> Iterator[str]:
         )
 
 
+def rest_of(diagnosis: JointDiagnosis) -> str:
+    """What explains of a gap what no cause does: of the robot all that is of single joints."""
+    if diagnosis.joint == ROBOT:
+        return SINGLE
+    return "refitted numbers" if diagnosis.refitted else "tuned numbers"
+
+
 # --- what to type after a diagnosis ----------------------------------------------------------------------------------
 
 BENCH = "bench"
@@ -256,6 +264,7 @@ RUN = (
     f"Run the proposed experiment {EXPERIMENT_REPEATS} times, with hw= and port= of these servos, and diagnose its "
     "logs together with the old ones:"
 )
+SINGLE = "single joints"
 SETTLED = "No further experiment would tell more."
 OPEN = "What this log cannot show stays open, and no experiment is proposed that would show it."
 REFITTED = (

@@ -223,7 +223,9 @@ def _finer(joint: str, noise: float, unit: str) -> Finding:
 # believed: a joint whose rotor is heavier than believed moves less sharply, and shakes its neighbours less.
 #
 # Few logs have currents. A drive's duty follows from its goals and its measured motion, and duty and speed give the
-# current: a bridge draws its duty times the motor's current, and returns nothing.
+# current: a bridge draws its duty times the motor's current, and returns nothing. Between two slow rows a jump of the
+# goal draws its most and decays, and no row sees that. So what was logged counts as far as a row foresees the next one,
+# and what goals and motion say for the rest.
 
 MOMENTS = 8
 """Of a row, at which a duty is worked out: goals take effect between two rows."""
@@ -265,26 +267,40 @@ def drawn_by(run: MeasuredRun, joint: str, robot: LoggedRobot, found: Mapping[st
     if supply is None or not model.chain.shares_supply():
         return None
     on = np.ones(len(run.time)) if log.enabled is None else log.enabled
-    if log.duty is not None and log.current is not None:
-        drawn = np.maximum(np.nan_to_num(log.duty * log.current), 0.0)
-        return on[:, None] * np.stack([drawn, np.zeros(len(drawn))], axis=1)
+    motor, read = motor_behind(model.chain, supply), None
     good = np.isfinite(log.position)
-    if not good.any():
-        return None
-    smooth, rate, _ = derivatives(run.time, np.interp(run.time, run.time[good], log.position[good]))
-    every, duty, speed = 1, log.duty, rate
-    if duty is None:
-        if command is None or not np.isfinite(command).any():
-            return None
-        every, count = MOMENTS, len(run.time)
-        at = np.interp(np.arange(every * count) / every, np.arange(count), run.time)
-        speed = np.interp(at, run.time, rate)
-        duty = _duty(model, at - at[0], _held(run.time, command, at), np.interp(at, run.time, smooth), speed)
-    duty = np.nan_to_num(duty)
-    motor = motor_behind(model.chain, supply)
-    drawn = duty * (duty * supply.volts - motor["back_emf"] * speed) / motor["motor_resistance"]
+    if good.any():
+        smooth, rate, _ = derivatives(run.time, np.interp(run.time, run.time[good], log.position[good]))
+    if log.duty is not None and log.current is not None:
+        read = np.stack([np.maximum(np.nan_to_num(log.duty * log.current), 0.0), np.zeros(len(run.time))], axis=1)
+    elif log.duty is not None and good.any():
+        read = _drawn(np.nan_to_num(log.duty), rate, supply.volts, motor)
+    if command is None or not np.isfinite(command).any() or not good.any():
+        return None if read is None else on[:, None] * read
+    count = len(run.time)
+    at = np.interp(np.arange(MOMENTS * count) / MOMENTS, np.arange(count), run.time)
+    speed = np.interp(at, run.time, rate)
+    duty = _duty(model, at - at[0], _held(run.time, command, at), np.interp(at, run.time, smooth), speed)
+    within = _drawn(np.nan_to_num(duty), speed, supply.volts, motor)
+    drawn = within.reshape(-1, MOMENTS, 2).mean(axis=1)
+    if read is not None:
+        seen = seen_share(read[:, 0])
+        drawn = seen * read + (1.0 - seen) * drawn
+    return on[:, None] * drawn
+
+
+def seen_share(values: Array) -> float:
+    """Share of a column (n,) that its neighbouring rows foresee: what runs on between rows was seen by them."""
+    foreseen = 0.5 * (values[2:] + values[:-2])
+    power = 1.5 * float(np.var(values))  # of an error of foresight where rows have nothing in common
+    return 1.0 - min(float(np.mean((values[1:-1] - foreseen) ** 2)) / power, 1.0) if power > 0.0 else 1.0
+
+
+def _drawn(duty: Array, speed: Array, volts: float, motor: Mapping[str, float]) -> Array:
+    """What a drive draws at a duty and a speed (n,), and less of it per volt of sag (n, 2)."""
+    drawn = duty * (duty * volts - motor["back_emf"] * speed) / motor["motor_resistance"]
     less = np.where(drawn > 0.0, duty**2 / motor["motor_resistance"], 0.0)
-    return on[:, None] * np.stack([np.maximum(drawn, 0.0), less], axis=1).reshape(-1, every, 2).mean(axis=1)
+    return np.stack([np.maximum(drawn, 0.0), less], axis=1)
 
 
 def _held(time: Array, command: Array, at: Array) -> Array:

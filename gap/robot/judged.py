@@ -172,4 +172,5 @@ def _diagnosis(sought: SharedFound, measured: Measured, values: dict[str, float]
     """What is said of the robot."""
     case = Case(ROBOT, signal=f"{ROBOT}.position", unit=sought.problem.signal[1])
     shared = replace(measured, values=values, simulated={}, tuned={})
-    return JointDiagnosis(case, decide(Replayed(case, shared)), shared, sought.search)
+    gap = {model: error for model, error in shared.gap.items() if model != "refitted"}  # nothing of it was refitted
+    return JointDiagnosis(case, decide(Replayed(case, shared)), replace(shared, gap=gap), sought.search)

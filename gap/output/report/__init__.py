@@ -36,7 +36,7 @@ from ..pictures import cause_pictures, picture_of, png, signature_pictures
 from ..pictures.first_look import as_logged, first_look, in_words
 from ..pictures.style import COLOURS, EXTENDED, NAMES, TEST_SHADE
 from ..pictures.timeline import timeline, told, worst_window
-from ..terminal import LIMITS, doubts, limit_rows, limits_told
+from ..terminal import LIMITS, SINGLE, doubts, limit_rows, limits_told, rest_of
 
 HERE = Path(__file__).parent
 CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtonsToRemove": ["lasso2d", "select2d"]}
@@ -81,6 +81,12 @@ CAPTIONS = {
     "error_since_reversal": (
         "Error of both models, against the way since the joint last turned around. A right model stays on zero."
     ),
+}
+REST = {
+    "refitted numbers": "Numbers that the model has, refitted beside the causes, some beyond their tolerance and up to "
+    "fivefold.",
+    "tuned numbers": "Numbers that the model has, moved within their tolerance.",
+    SINGLE: "Causes and tuned numbers of the joints, each at its own.",
 }
 PARAMETER_UNITS = {"mass": "kg", "arm_mass": "kg", "length": "m"}
 ABSENT = "not in it"
@@ -178,7 +184,7 @@ def _joint(
         "limits": limit_rows(limits_told(diagnosis)),
         "data_errors": diagnosis.data_errors,
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
-        "refitted": diagnosis.refitted,
+        "rest": (rest_of(diagnosis), REST[rest_of(diagnosis)]),
         "signal": diagnosis.signal,
         "first_look": _first_look(diagnosis, data.runs),
         "gap": _gap(diagnosis),

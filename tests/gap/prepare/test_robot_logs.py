@@ -26,9 +26,9 @@ from sealegs.gap.log.types import JointLog, MeasuredRun, MeasuredSet
 from sealegs.gap.measure.measured import whole_fit
 from sealegs.gap.prepare import resting
 from sealegs.gap.prepare.checking import check_log, with_whole_goals
-from sealegs.gap.prepare.pieces import cut_joint, with_neighbours
+from sealegs.gap.prepare.pieces import cut_joint
 from sealegs.gap.prepare.resting import RESTS, without_rests
-from sealegs.gap.replay.tree import drawn_beside, held_terms, not_free
+from sealegs.gap.replay.tree import held_terms, not_free
 from sealegs.gap.search.fit import fit
 from sealegs.gap.search.result import Search
 from sealegs.gap.search.windows import split
@@ -38,8 +38,7 @@ from benchmarks.kept import DATA
 from benchmarks.robot_logs import so101
 from testbed.arm import ARMS, mjcf
 from testbed.bench import NOISE_FLOOR
-from testbed.everyday import drawn
-from testbed.logs import hidden_arm, hidden_everyday
+from testbed.logs import hidden_arm
 from tests.logged_robots import block_of, robot, two_link_run
 from tests.logged_robots import free_replay as problem
 from tests.logged_robots import nominal_error as error
@@ -265,99 +264,6 @@ def test_a_second_command_that_the_chain_does_not_take_is_reported(tmp_path: Pat
     (as_it_was,), (said,) = with_whole_goals(Machine.of([replace(run, joints={**run.joints, "elbow": log})]))
     assert said.code == "command.unused" and as_it_was.joints["elbow"].goal is log.goal
     assert "elbow.torque_command is not used: the chain of joint 'elbow' does not take it" in said.sentence
-
-
-# --- what drives draw from the supply: as logged, by their duty, or by goals and motion; against the testbed's plant.
-
-ARM = """<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0"/><geom size=".02" mass=".1"/>
-<body pos="0 0 -.1"><joint name="elbow" axis="0 1 0"/><geom size=".02" mass=".1"/>
-<body pos="0 0 -.1"><joint name="hand" axis="0 1 0"/><geom size=".02" mass=".05"/></body>
-</body></body></worldbody></mujoco>"""
-GRIPPER = drawn(18, 718)
-"""Late by 7 ms, on a supply of 0.87 ohm, with a weak wrist; it logs voltage, duty and current."""
-SOURCE = next(size for name, _, size in GRIPPER.effects if name == "sag")
-WEAK = next(size for name, _, size in GRIPPER.effects if name == "motor_constant")
-LATE = next(size for name, _, size in GRIPPER.effects if name == "latency")
-
-
-@pytest.fixture(scope="module")
-def gripper(tmp_path_factory) -> Machine:
-    data, _ = hidden_everyday(GRIPPER, tmp_path_factory.mktemp("gripper"))
-    return Machine.of(data.runs)
-
-
-def told(run: MeasuredRun) -> np.ndarray:
-    """All that the drives draw by what is estimated of them (n,) [A], at the voltage that was logged."""
-    rows = np.sum(list(run.draws.values()), axis=0)
-    return rows[:, 0] - rows[:, 1] * sagged(run)
-
-
-def sagged(run: MeasuredRun) -> np.ndarray:
-    """What the supply lacks (n,) [V]."""
-    volts = run.joints["wrist"].voltage
-    assert volts is not None
-    return 7.4 - volts
-
-
-def without(machine: Machine, *columns: str) -> Machine:
-    lost = dict.fromkeys(columns)
-    runs = [replace(run, joints={name: replace(log, **lost) for name, log in run.joints.items()}) for run in machine]
-    return Machine.of(runs)
-
-
-@pytest.mark.parametrize(("lost", "alike"), [((), 0.95), (("current",), 0.9), (("current", "duty"), 0.8)])
-def test_what_drives_draw_is_what_makes_the_supply_sag(gripper: Machine, lost: tuple[str, ...], alike: float) -> None:
-    known = {name: {"delay.seconds": 0.005 + LATE} for name in ("wrist", "jaw")}
-    known["wrist"]["dc_motor.motor_constant*"] = WEAK
-    for run in with_neighbours(without(gripper, *lost), known):
-        taken, sag = told(run), sagged(run)
-        assert np.corrcoef(taken, sag)[0, 1] > alike
-        assert taken @ sag / (taken @ taken) == pytest.approx(SOURCE, rel=0.15)
-
-
-def test_a_joint_sees_what_the_others_draw(gripper: Machine) -> None:
-    run = with_neighbours(gripper)[0]
-    np.testing.assert_array_equal(drawn_beside(run, "wrist"), run.draws["jaw"])
-    assert not drawn_beside(replace(run, draws={}), "wrist").any()
-
-
-def test_duty_times_current_as_logged_is_what_a_bridge_draws_and_it_gives_nothing_back(gripper: Machine) -> None:
-    run = gripper[0]
-    n = len(run.time)
-    logs = dict(run.joints)
-    logs["jaw"] = replace(logs["jaw"], duty=np.full(n, -0.5), current=np.where(np.arange(n) % 2, 3.0, -3.0))
-    found = with_neighbours(Machine.of([replace(run, joints=logs)]))[0].draws["jaw"]
-    np.testing.assert_allclose(found[:, 0], np.where(np.arange(n) % 2, 0.0, 1.5))
-    assert not found[:, 1].any()
-
-
-def test_a_drive_that_is_off_or_has_a_supply_of_its_own_draws_nothing_from_the_others(gripper: Machine) -> None:
-    run = gripper[0]
-    off = replace(run.joints["jaw"], enabled=np.zeros(len(run.time)))
-    assert not with_neighbours(Machine.of([replace(run, joints=run.joints | {"jaw": off})]))[0].draws["jaw"].any()
-    own = [{**stage, "supply": {**stage["supply"], "shared": 0}} if "supply" in stage else stage
-           for stage in run.actuators["jaw"]]  # fmt: skip
-    alone = with_neighbours(Machine.of([replace(run, actuators={**run.actuators, "jaw": own})]))[0]
-    assert "jaw" not in alone.draws and not drawn_beside(alone, "wrist").any()
-
-
-def test_a_bench_has_no_other_drives() -> None:
-    run = MeasuredRun("run", np.arange(3.0), {"servo": JointLog(np.zeros(3), np.zeros(3))})
-    assert not with_neighbours(Machine.of([run]))[0].draws
-
-
-def test_joints_without_a_drive_or_without_readings_draw_nothing(gripper: Machine, tmp_path) -> None:
-    """A hand that hangs on a joint nobody drives is logged, too."""
-    run = gripper[0]
-    blank = replace(run.joints["jaw"], position=np.full(len(run.time), np.nan), duty=None, current=None)
-    found = with_neighbours(Machine.of([replace(run, joints=run.joints | {"jaw": blank})]))[0]
-    assert set(found.draws) == {"wrist"}
-    (tmp_path / "arm.xml").write_text(ARM)
-    driven = "joints: {shoulder: {chain: sts3215}, elbow: {chain: sts3215}}"
-    (tmp_path / "arm.yaml").write_text(f"model: arm.xml\n{driven}\n")
-    logs = {name: JointLog(np.zeros(3), np.zeros(3)) for name in ("shoulder", "elbow", "hand")}
-    hanging = MeasuredRun("run", np.arange(3.0), logs, robot=str(tmp_path / "arm.yaml"), source=tmp_path / "run.csv")
-    assert set(with_neighbours(Machine.of([hanging]))[0].draws) == {"shoulder", "elbow"}
 
 
 # --- joints that press on something ---------------------------------------------------------------------------------
