@@ -41,6 +41,8 @@ Along = Callable[[np.ndarray, np.ndarray], np.ndarray]
 MIN_SEPARATION = 1.0  # noise floors (rms) by which rivals must differ; below that another load is proposed
 VISIBLE_DIFFERENCE = 0.3  # noise floors (rms) that a search can still see: below that nothing is told apart
 MAX_SEPARATION = 3.0  # noise floors beyond which a pair needs no more
+COLUMNS = ("current", "duty")
+"""Columns of a drive that tell causes apart which the position alone does not."""
 NOTHING_MORE = "nothing more"
 """Name of the hypothesis that no further cause is there."""
 EXPERIMENT_REPEATS = len(PARTS)  # times the excitation is to be run: once for each part of the data
@@ -180,13 +182,22 @@ def propose(
                 )
     if best is None:
         return None
-    return dataclasses.replace(best, sentence=experiment_sentence(best, loads, blind, alone=along is None))
+    logged = {name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()}
+    lacking = [name for name in COLUMNS if name not in logged]
+    return dataclasses.replace(
+        best, sentence=experiment_sentence(best, loads, blind, alone=along is None, lacking=lacking)
+    )
 
 
 def experiment_sentence(
-    best: Experiment, loads: Sequence[Mapping[str, float]], blind: bool, *, alone: bool = True
+    best: Experiment,
+    loads: Sequence[Mapping[str, float]],
+    blind: bool,
+    *,
+    alone: bool = True,
+    lacking: Sequence[str] = COLUMNS,
 ) -> str:
-    """What to run, and what it tells."""
+    """What to run, and what it tells; what else would, of columns those that the log is lacking."""
     seconds = best.time[-1] + 1.0 / GOAL_RATE
     what = (
         f"Run '{best.name}' {best.repeats} times ({seconds:g} s each, goals between {best.goal.min():.2f} and "
@@ -203,10 +214,11 @@ def experiment_sentence(
     mean = " on average" if blind else ""
     if best.separation < VISIBLE_DIFFERENCE:
         it = "one of these" if blind or len(best.rivals) > 2 else "it"
+        more = f", log more columns ({', '.join(lacking)})," if lacking else ""
         return (
             f"Within the limits of motion, no motion and no load of the library tells {names} (at most "
-            f"{best.separation:.2f} times the noise{mean}): allow a wider motion (limits=[lower,upper]), log more "
-            f"columns (current, duty), or measure {it} directly."
+            f"{best.separation:.2f} times the noise{mean}): allow a wider motion (limits=[lower,upper]){more} or "
+            f"measure {it} directly."
         )
     if blind:
         return f"{what}: the causes of the catalogue differ there by {best.separation:.1f} times the noise{mean}."

@@ -377,3 +377,9 @@ def test_goals_that_come_in_rows_of_their_own_are_held(tmp_path: Path) -> None:
         tmp_path, {"goal_rad": np.where(odd, ANGLE, np.nan), "pos_rad": np.where(odd, np.nan, LATE)}
     ).mapping
     assert found.columns["joint.goal"] == "hold(goal_rad)" and "known(pos_rad)" in str(found.where)
+
+
+def test_an_answer_that_is_none_for_a_column_is_said_to_be_none(tmp_path: Path) -> None:
+    """The same question came again after it had been answered."""
+    steps = {"goal": np.round(600.0 * ANGLE) + 2048.0, "pos": np.round(600.0 * LATE) + 2048.0}
+    assert asked(proposed(tmp_path, steps, "deg"))["joint.position"].startswith("unit=deg does not answer it: ")

@@ -314,6 +314,8 @@ def position_lines(found: Sequence[Position], unit: str | None, source: Path) ->
         if own and own != unit:
             against.append(f"{quoted(name)} says {own}")
             answer = line.but(why=f"{line.why}; unit={unit} is for columns that say none")
+        elif answer is None and line.trust == ASK and line.ask:
+            answer = line.but(ask=f"unit={unit} does not answer it: {line.ask}")
         lines[name] = answer or line
     if unit and not filled and (against or unit == PERCENT):
         raise LogError(

@@ -265,6 +265,8 @@ def test_an_experiment_that_tells_nothing_apart_says_so_and_what_is_needed(blind
     said = experiment_sentence(best, [{}], blind, alone=False)
     assert said.startswith("Within the limits of motion, no motion and no load of the library tells ")
     assert "at most 0.12 times the noise" in said and "limits=[lower,upper]" in said
+    logged = experiment_sentence(best, [{}], blind, alone=False, lacking=())
+    assert "log more columns" not in logged and "(limits=[lower,upper]) or measure" in logged
     best = replace(best, separation=0.4)
     assert experiment_sentence(best, [{}], blind, alone=False).startswith("Run 'steps' 3 times")
 
