@@ -383,3 +383,10 @@ def test_an_answer_that_is_none_for_a_column_is_said_to_be_none(tmp_path: Path) 
     """The same question came again after it had been answered."""
     steps = {"goal": np.round(600.0 * ANGLE) + 2048.0, "pos": np.round(600.0 * LATE) + 2048.0}
     assert asked(proposed(tmp_path, steps, "deg"))["joint.position"].startswith("unit=deg does not answer it: ")
+
+
+@pytest.mark.parametrize(("name", "factor"), [("duty_percent", "/100"), ("duty_permille", "/1000")])
+def test_a_duty_in_a_unit_of_shares_becomes_a_share(tmp_path: Path, name: str, factor: str) -> None:
+    """A duty in thousandths was called that of a joint 'permille', which has no position."""
+    found = proposed(tmp_path, {**RAD, name: 300.0 * ANGLE}).mapping
+    assert found.columns["joint.duty"] == f"{name}{factor}" and not found.questions

@@ -11,20 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from ..types import SIGNAL_UNITS, TURN_IN_UNITS, Array, LogError
-from .expression import TEMPERATURES, WORDS, measure, measures, names_in, quoted, unit_of
+from ..types import TURN_IN_UNITS, Array, LogError
+from .expression import measure, measures, names_in, quoted, unit_of
 from .motion import LONGEST_LAG, MOTION_WINDOW, Relation, encoder, move_apart, span, whole_numbers
-from .names import Claim, is_a, words_of
+from .names import Claim, is_a
 from .recording import LARGEST_EXACT
 
 SURE, LIKELY, ASK = "sure", "likely", "ask"
 POSITION = ("angle", "way")
 RATES = {"angle": ("rad/s", "deg/s", "rpm", "turn/s"), "way": ("m/s", "mm/s")}
 """Units that are tried for a velocity of which none is said, by the quantity of its position."""
-DRIVE_QUANTITIES = {"torque": ("torque", "force"), "torque_command": ("torque", "force"), "current": ("current",),
-                    "voltage": ("voltage",)}  # fmt: skip
-LARGEST_PLAUSIBLE = {"torque": 50.0, "torque_command": 50.0, "current": 60.0, "voltage": 60.0, "temperature": 130.0}
-"""By signal the most that is taken for N.m, A, V or degC unasked: more is of a large machine, or in a smaller unit."""
 FULL_SHARE = 1.001
 DERIVATIVE_FIT = 0.7
 """Share of a motion that the derivative of the position explains, from which a velocity's size is compared."""
@@ -461,52 +457,3 @@ def doubted(line: Line, base: Line, goes: Relation, time: Array | None, goal: Ar
         return line if line.trust == ASK else line.but(why=line.why + late)
     ask = f"is this the goal of the position beside it? {why}. Else give another column, or remove it"
     return line.but(trust=ASK, why=why, ask=ask)
-
-
-# --- the drive -------------------------------------------------------------------------------------------------------
-
-
-def drive_line(signal: str, claim: Claim, values: Array) -> Line:
-    """A torque, current, voltage, temperature, duty or flag, by its unit; asked about where it may be a count."""
-    if line := of_dialect(claim):
-        return line
-    name, unit, plain = quoted(claim.column), told(claim.unit), SIGNAL_UNITS[signal]
-    finite = values[np.isfinite(values)]
-    largest, whole, shown = float(np.abs(finite).max(initial=0.0)), whole_numbers(finite), reach(values)
-    says = f"{claim.by} says {unit}; {shown}"
-    if signal == "enabled":
-        good = set(np.unique(finite)) <= {0.0, 1.0}
-        return Line(name, "", SURE if good else ASK, "0 and 1" if good else f"{shown}: which of these mean on?")
-    if signal == "duty":
-        if unit == "%" or largest <= FULL_SHARE:
-            return Line(f"{name}/100" if unit == "%" else name, "1", SURE if unit else LIKELY, f"a share; {shown}")
-        ask = f"how many counts mean a full duty? Write {name}/<that number>"
-        return Line(name, "counts", ASK, f"counts, {shown}", ask)
-    if signal == "temperature" and unit in TEMPERATURES:
-        return Line(TEMPERATURES[unit].format(name), unit, SURE, says)
-    drives = signal in ("torque", "torque_command", "current")
-    beyond = largest > LARGEST_PLAUSIBLE[signal]
-    ask = ""
-    if measures(unit, *DRIVE_QUANTITIES.get(signal, ())):
-        if not _by_word(claim) or not (beyond or (whole and (drives or largest > 0.5 * LARGEST_PLAUSIBLE[signal]))):
-            return in_unit(claim.column, unit, SURE, says)
-        ask = f"Its name says {unit}, but {largest:.5g} may be tenths or thousandths of it"
-    elif unit:
-        ask = f"{claim.by[0].upper()}{claim.by[1:]} says {unit}, which is no unit of a {signal}"
-    elif claim.rest:
-        ask = f"Is {claim.rest!r} in its name the unit?"
-    elif signal == "torque" and span(finite) > 0.0 and float(finite.min()) >= 0.0:
-        ask = "It is never negative, and may be a magnitude without sign, or a register: is it a torque at all?"
-    elif claim.unit == "?" or beyond or (drives and whole and span(finite) > 1.0):
-        ask = "It may be counts of a register, or thousandths"
-    if ask:
-        return Line(name, plain, ASK, shown, f"in which unit is this {signal}? {ask}. Write what makes it {plain}")
-    return Line(name, plain, LIKELY, f"no unit is said; {shown} taken for {plain}")
-
-
-def _by_word(claim: Claim) -> bool:
-    """Whether a word such as ``volts``, which as often says the signal alone, is what says the unit."""
-    words = {word for word, unit in WORDS.items() if unit == claim.unit in ("A", "V") and len(word) > 1}
-    return claim.by == "the name" and any(
-        word.lower() in words for word in words_of(re.sub(r"[\[(].*?[\])]", "", claim.column))
-    )

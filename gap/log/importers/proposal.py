@@ -16,6 +16,7 @@ from ..types import COMMANDS, TOLD, Array
 from .claims import ONLY_JOINT, Claimed, claims_of, first_of, is_action, placed, plain, ranked, renamed
 from .clocks import find_clock
 from .dialects import Dialect, claimed, dialects
+from .drive_lines import drive_line
 from .expression import evaluate, hold, lost_sign, measures, names_in, quoted
 from .lines import (
     ACTIONS,
@@ -28,7 +29,6 @@ from .lines import (
     bare,
     by_velocity,
     doubted,
-    drive_line,
     goal_line,
     goal_velocity_line,
     position_lines,
