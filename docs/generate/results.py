@@ -434,8 +434,17 @@ def transfer() -> dict[str, Any]:
     play = next(row for row in document["hidden"][machine]["effects"] if row["name"] == "play")
     errors = document["errors"][machine]
     learnt = [1e3 * np.mean(row) for name, row in errors.items() if name != "limit" and "reference" not in name]
+    eight = read("transfer_eight")
+    (extended,) = (row for row in eight["figures"] if row["treatment"] == "extended")
+    ways = sorted(_closed(own, "extended") for own in eight["errors"].values())
     return {
         "table": table(first.heads, first.rows),
+        "eight": table(*_eight(eight["errors"])),
+        "eight_median": f"{extended['median']:.2f}",
+        "eight_closed": f"{extended['closed']:.0%}",
+        "eight_most": f"{sum(way >= 0.8 for way in ways)} of {len(ways)}",
+        "eight_better": f"{extended['better']} of {extended['machines']}",
+        "eight_worse": f"{len(extended['worse'])} of {extended['machines']}",
         "found": table(("trained on", "figure", "bar", "reached", "holds"), rows),
         "play": f"{1e3 * max(play['moves'].values()):.1f}",
         "size": f"{1e3 * play['size']:.0f}",
@@ -443,6 +452,13 @@ def transfer() -> dict[str, Any]:
         "way": f"{_closed(document['errors']['leg-5901'], 'extended'):.0%}",
         "others": f"{min(learnt):.1f} to {max(learnt):.1f}",
     }
+
+
+def _eight(errors: Mapping[str, Mapping[str, list[float]]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Heads and rows of a table of errors on the machine by treatment [mrad]."""
+    names = ("nominal", "hand-made randomisation", "extended", "limit")
+    rows = [(machine, *(f"{1e3 * np.mean(own[name]):.1f}" for name in names)) for machine, own in errors.items()]
+    return ("machine", *names), rows
 
 
 def _closed(errors: Mapping[str, list[float]], treatment: str) -> float:

@@ -136,8 +136,9 @@ def _how(study: Study, errors: Errors) -> list[str]:
     most = f"{1.0 - study.least_loss:.0%}"
     counts = sorted({len(row) for own in errors.values() for name, row in own.items() if name in TREATMENTS})
     seeds = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1])))) if counts else "no"
+    seeds += " seed" + "s" * (seeds != "1")
     return [
-        f"{len(errors)} machines ({', '.join(errors)} of `testbed/everyday`), {seeds} seeds, trainings "
+        f"{len(errors)} machines ({', '.join(errors)} of `testbed/everyday`), {seeds}, trainings "
         f"{steps}{further}, {study.recipe.episodes} episodes on the machine. A machine is counted where a nominal "
         f"policy of another seed has at most {most} of the limit's accuracy, the inverse of the rms tracking error."
     ]
