@@ -40,7 +40,7 @@ FIRST, FURTHER = 626, 48  # seed and number of the cases of every kind that come
 
 
 def further(number: int) -> Case:
-    """A case of a row in which each effect comes once: a null, a stranger, one effect or two."""
+    """A case of a row in which each effect comes, some of them only beside another: a null, a stranger, one or two."""
     names, size = sorted(EFFECTS), ("clear", "moderate", "faint")[number % 3]
     if number % 8 == 3:
         return Case((), 50_304 + number)

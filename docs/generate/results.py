@@ -436,6 +436,8 @@ def transfer() -> dict[str, Any]:
     learnt = [1e3 * np.mean(row) for name, row in errors.items() if name != "limit" and "reference" not in name]
     eight = read("transfer_eight")
     (extended,) = (row for row in eight["figures"] if row["treatment"] == "extended")
+    hide = {name for name, own in eight["hidden"].items() if any(one["name"] == "play" for one in own["effects"])}
+    behind = [f"`{name}`" for name, own in eight["errors"].items() if _closed(own, "extended") < 0.8 and name in hide]
     ways = sorted(_closed(own, "extended") for own in eight["errors"].values())
     return {
         "table": table(first.heads, first.rows),
@@ -444,6 +446,7 @@ def transfer() -> dict[str, Any]:
         "eight_closed": f"{extended['closed']:.0%}",
         "eight_most": f"{sum(way >= 0.8 for way in ways)} of {len(ways)}",
         "eight_better": f"{extended['better']} of {extended['machines']}",
+        "eight_behind": " and ".join(behind),
         "eight_worse": f"{len(extended['worse'])} of {extended['machines']}",
         "found": table(("trained on", "figure", "bar", "reached", "holds"), rows),
         "play": f"{1e3 * max(play['moves'].values()):.1f}",

@@ -8,14 +8,15 @@ bodies, and the fewest changes are taken that say what each joint found, within 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ...envs.described.model_file import tip_of
 from ...envs.extended import Change
 from ..checks.signal import Z95
 from ..load.robot import LoggedRobot
@@ -24,7 +25,7 @@ from ..measure.named import NamedCause
 
 FACTOR, PAYLOAD = "load.mass_factor", "load.payload"
 BELIEF_WEIGHT = 0.03  # of bodies to weigh as believed, beside what the joints say of those behind them
-CLOSEST = 0.02  # standard error of what a joint carries, as a share of it: none is known better, as poses are not
+CLOSEST = 0.02  # standard error of what a joint carries, as a share of it: none is known better; assumed
 MAX_DILUTION = 2.0
 """By how much more than any joint says of all behind it a single body may be off, which is a part of that."""
 LIGHTEST = 0.05  # factor on the mass of a body
@@ -35,64 +36,91 @@ Told = Mapping[tuple[str, str], NamedCause]
 def bodies_carried(robot: LoggedRobot, found: Sequence[Change], told: Told) -> list[Change]:
     """Factors on the masses of bodies, and payloads at their ends, that agree best with what joints found.
 
+    Numbers without a cause say what is left beside those with one.
+
     Args:
         robot: that was logged.
         found: what joints carry: :data:`FACTOR` on all that hangs behind one, or :data:`PAYLOAD` at its end.
         told: where a cause is named. Only such a change may be left out, the most doubtful first, and what is told
             decides that, also where ``found`` are numbers that were drawn about it.
     """
-    if not found:
-        return []
-    bodies, kept = Bodies(robot, tuple(found), told), list(found)
-    named = [one for one in found if (one.joint, one.path) in told]
-    for doubtful in sorted(named, key=lambda one: told[one.joint, one.path].confidence):
-        fewer = [one for one in kept if one is not doubtful]
-        if fewer and bodies.misfit(fewer) <= 1.0:
+    bodies = Bodies(robot, told)
+    named, others = ([one for one in found if bool(one.cause) is cause] for cause in (True, False))
+    kept, said = named, [bodies.as_told(one) for one in named if (one.joint, one.path) in told]
+    for doubtful in sorted(said, key=lambda one: told[one.joint, one.path].confidence):
+        fewer = [one for one in kept if (one.joint, one.path) != (doubtful.joint, doubtful.path)]
+        if fewer and bodies.solved(fewer, said).misfit <= 1.0:
             kept = fewer
-    return bodies.changes(kept)
+    first = bodies.solved(kept, named)
+    return [*first.changes, *bodies.solved(others, others, first).changes]
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What bodies weigh.
+
+    Attributes:
+        owner: by body the joint whose factor it takes.
+        factors: relative changes of the masses, by joint.
+        payloads: at the ends of bodies, by body [kg].
+        misfit: how far that is from what joints found, at most, in halves of the intervals.
+        changes: of the bodies.
+    """
+
+    owner: Mapping[int, int] = field(default_factory=dict)
+    factors: Mapping[int, float] = field(default_factory=dict)
+    payloads: Mapping[int, float] = field(default_factory=dict)
+    misfit: float = np.inf
+    changes: tuple[Change, ...] = ()
+
+
+BELIEVED = Solved()
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What joints found of the bodies that they carry.
+    """What joints feel of the bodies that they carry.
+
+    A payload is compared with a factor by their inertias at the file's pose; where a joint is slow, it feels weights.
 
     Attributes:
         robot: that was logged.
-        found: by the joints.
         told: where a cause is named.
     """
 
     robot: LoggedRobot
-    found: tuple[Change, ...]
     told: Told
 
     @cached_property
-    def joints(self) -> list[int]:
-        """Numbers of the joints that found something."""
-        return sorted({self.robot.number(one.joint) for one in self.found})
-
-    @cached_property
     def felt(self) -> dict[int, np.ndarray]:
-        """What each joint feels of each body (bodies,), as a share of all that it carries."""
-        weights = {joint: weight_felt(self.robot.model, joint) for joint in self.joints}
-        return {joint: row / row.sum() for joint, row in weights.items() if row.sum() > 0.0}
+        """What joints feel of each body (bodies,), as it is asked for."""
+        return {}
 
-    def per_payload(self, joint: int, body: int) -> float:
-        """What a joint feels of 1 kg at the end of a body, as a share of all that it carries."""
-        model = self.robot.model
-        tip = next(tip for one in self.joints if (tip := tip_behind(model, one)).body == body)
-        whole = weight_felt(model, joint).sum()
-        return point_felt(model, joint, body, tip.point) / whole if whole > 0.0 else 0.0
+    def weights(self, joint: int) -> np.ndarray:
+        """What a joint feels of each body (bodies,)."""
+        if joint not in self.felt:
+            self.felt[joint] = weight_felt(self.robot.model, joint)
+        return self.felt[joint]
 
     def end(self, change: Change) -> int:
         """The body at whose end the payload of a joint is."""
         return tip_behind(self.robot.model, self.robot.number(change.joint)).body
+
+    def per_payload(self, joint: int, body: int) -> float:
+        """What a joint feels of 1 kg at the end of a body, as a share of all that it carries."""
+        whole = float(self.weights(joint).sum())
+        return point_felt(self.robot.model, joint, body, tip_of(self.robot.model, body)) / whole if whole > 0.0 else 0.0
 
     def share(self, change: Change, value: float) -> float:
         """What a joint found, as a share of all that it carries."""
         if change.path == FACTOR:
             return value - 1.0
         return value * self.per_payload(self.robot.number(change.joint), self.end(change))
+
+    def as_told(self, change: Change) -> Change:
+        """A change with the value that is told."""
+        cause = self.told[change.joint, change.path]
+        return dataclasses.replace(change, after=cause.parameters[change.path].value)
 
     def half(self, change: Change) -> float:
         """Half of the 95 % interval of that share."""
@@ -102,77 +130,76 @@ class Bodies:
             width = abs(self.share(change, value.high) - self.share(change, value.low))
         return max(0.5 * width, Z95 * CLOSEST)
 
-    def misfit(self, kept: Sequence[Change]) -> float:
-        """How far some changes alone, as told, are from what joints were told to have, in halves of the intervals."""
-        said = [
-            dataclasses.replace(one, after=self.told[one.joint, one.path].parameters[one.path].value)
-            for one in self.found
-            if (one.joint, one.path) in self.told
-        ]
-        *_, errors = self.solved(kept, said)
-        return float(np.abs(errors).max(initial=0.0))
-
-    def solved(
-        self, kept: Sequence[Change], said: Sequence[Change]
-    ) -> tuple[dict[int, int], list[int], np.ndarray, np.ndarray]:
-        """The least-squares solution for what joints said.
+    def solved(self, kept: Sequence[Change], said: Sequence[Change], beside: Solved = BELIEVED) -> Solved:
+        """What bodies weigh by least squares.
 
         Args:
             kept: changes that are made.
             said: by the joints, of which these are some.
-
-        Returns:
-            By body the joint whose factor it takes, the bodies with a payload, the solution (one for each such joint,
-            then for each payload), and the errors of what was said in halves of the intervals.
+            beside: what is changed already.
         """
-        owner = _owners(self.robot, [self.robot.number(one.joint) for one in kept if one.path == FACTOR])
-        groups, ends = sorted(set(owner.values())), sorted({self.end(one) for one in kept if one.path == PAYLOAD})
-        rows, wanted, halves = [], [], []
-        for joint, felt in self.felt.items():
-            mine = [one for one in said if self.robot.number(one.joint) == joint]
-            if mine:
-                rows.append(
-                    [sum(felt[body] for body, of in owner.items() if of == group) for group in groups]
-                    + [self.per_payload(joint, body) for body in ends]
-                )
-                wanted.append(sum(self.share(one, one.after) for one in mine))
-                halves.append(max(self.half(one) for one in mine))
-        table, goal, half = np.array(rows).reshape(len(rows), -1), np.array(wanted), np.array(halves)
-        weight = half.min(initial=np.inf) / half
-        belief = BELIEF_WEIGHT * np.eye(table.shape[1])[: len(groups)]
-        # joints that contradict each other by a little would otherwise take nearly all of a light body's mass away
-        most = [MAX_DILUTION * max(np.abs(goal).max(initial=0.0), 1e-9)] * len(groups) + [np.inf] * len(ends)
-        if not table.size:
-            return owner, ends, np.zeros(table.shape[1]), goal / half
-        x = lsq_linear(
-            np.concatenate([weight[:, None] * table, belief]),
-            np.concatenate([weight * goal, np.zeros(len(groups))]),
-            bounds=(-np.array(most), np.array(most)),
-        ).x
-        return owner, ends, x, (table @ x - goal) / half
-
-    def changes(self, kept: Sequence[Change]) -> list[Change]:
-        """Changes of bodies."""
-        model = self.robot.model
-        owner, ends, x, _ = self.solved(kept, self.found)
+        factors = {self.robot.number(one.joint): one for one in kept if one.path == FACTOR}
+        owner = {body: of for body, of in _owners(self.robot, [*factors]).items() if body not in beside.owner}
         groups = sorted(set(owner.values()))
-        of = {self.robot.number(one.joint): one for one in kept if one.path == FACTOR}
-        heavier = [
-            dataclasses.replace(
-                of[group],
-                joint=model.body(body).name,
-                path="body.mass_factor",
-                before=1.0,
-                after=max(1.0 + float(more), LIGHTEST),
+        ends = sorted({self.end(one) for one in kept if one.path == PAYLOAD} - beside.payloads.keys())
+        both = {one.joint for one in said if one.path == FACTOR} & {one.joint for one in said if one.path == PAYLOAD}
+        rows, wanted, halves = [], [], []
+        for one in said:
+            joint = self.robot.number(one.joint)
+            felt = self.weights(joint)
+            whole = float(felt.sum())
+            if whole <= 0.0:
+                continue
+            # of two that a joint found of one motion, each says its own; else one stands for all that is felt
+            heavier, more = one.path == FACTOR or one.joint not in both, one.path == PAYLOAD or one.joint not in both
+            rows.append(
+                [heavier * sum(felt[b] for b, of in owner.items() if of == group) / whole for group in groups]
+                + [more * self.per_payload(joint, body) for body in ends]
             )
-            for group, more in zip(groups, x, strict=False)
-            for body, joint in owner.items()
-            if joint == group and model.body_mass[body] > 0.0 and model.body(body).name
-        ]
-        for body, size in zip(ends, x[len(groups) :], strict=True):
-            cause = next(one.cause for one in kept if one.path == PAYLOAD and self.end(one) == body)
-            heavier.append(Change(model.body(body).name, "body.payload", 0.0, float(size), cause, "robot"))
-        return heavier
+            known = heavier * sum(felt[b] * beside.factors[of] for b, of in beside.owner.items()) / whole
+            known += more * sum(self.per_payload(joint, body) * size for body, size in beside.payloads.items())
+            wanted.append(self.share(one, one.after) - known)
+            halves.append(self.half(one))
+        if not rows or not (groups or ends):
+            return Solved()
+        table, goal, half = np.array(rows), np.array(wanted), np.array(halves)
+        weight = half.min() / half
+        # joints that contradict each other by a little would otherwise take nearly all of a light body's mass away
+        most = MAX_DILUTION * max([abs(one.after - 1.0) for one in said if one.path == FACTOR] or [1e-9])
+        bound = np.array([max(most, 1e-9)] * len(groups) + [np.inf] * len(ends))
+        x = lsq_linear(
+            np.concatenate([weight[:, None] * table, BELIEF_WEIGHT * np.eye(table.shape[1])[: len(groups)]]),
+            np.concatenate([weight * goal, np.zeros(len(groups))]),
+            bounds=(-bound, bound),
+        ).x
+        misfit = float(np.abs((table @ x - goal) / half).max())
+        sizes, payloads = dict(zip(groups, x, strict=False)), dict(zip(ends, x[len(groups) :], strict=True))
+        return Solved(owner, sizes, payloads, misfit, tuple(self._changes(kept, owner, sizes, payloads)))
+
+    def _changes(
+        self,
+        kept: Sequence[Change],
+        owner: Mapping[int, int],
+        sizes: Mapping[int, float],
+        payloads: Mapping[int, float],
+    ) -> Iterator[Change]:
+        model = self.robot.model
+        of = {self.robot.number(one.joint): one for one in kept if one.path == FACTOR}
+        for joint, size in sizes.items():
+            for body in (body for body, group in owner.items() if group == joint):
+                if model.body_mass[body] > 0.0 and model.body(body).name:
+                    yield dataclasses.replace(
+                        of[joint],
+                        joint=model.body(body).name,
+                        path="body.mass_factor",
+                        before=1.0,
+                        after=max(1.0 + float(size), LIGHTEST),
+                    )
+        for body, size in payloads.items():
+            one = next(one for one in kept if one.path == PAYLOAD and self.end(one) == body)
+            yield dataclasses.replace(
+                one, joint=model.body(body).name, path="body.payload", before=0.0, after=float(size)
+            )
 
 
 def _owners(robot: LoggedRobot, numbers: Sequence[int]) -> dict[int, int]:

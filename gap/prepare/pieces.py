@@ -291,6 +291,8 @@ def drawn_by(run: MeasuredRun, joint: str, robot: LoggedRobot, found: Mapping[st
 
 def seen_share(values: Array) -> float:
     """Share of a column (n,) that its neighbouring rows foresee: what runs on between rows was seen by them."""
+    if len(values) < 3:
+        return 1.0
     foreseen = 0.5 * (values[2:] + values[:-2])
     power = 1.5 * float(np.var(values))  # of an error of foresight where rows have nothing in common
     return 1.0 - min(float(np.mean((values[1:-1] - foreseen) ** 2)) / power, 1.0) if power > 0.0 else 1.0

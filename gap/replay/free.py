@@ -45,8 +45,8 @@ class FreeProblem(JointProblem):
     def systematic_error(self, path: str) -> float:
         """Relative error of a number that columns and simulation share in all data.
 
-        A sag follows what the neighbours draw, too, and where no current was logged, that is as well known as their
-        motors are.
+        A sag follows what the neighbours draw, too, and where this joint's current was not logged, theirs is taken to
+        be as well known as their motors are.
         """
         if self.terms is None:
             return super().systematic_error(path)

@@ -190,7 +190,13 @@ def joined(diagnoses: Sequence[JointDiagnosis], found: Latency) -> tuple[list[Jo
 def _within(cause: NamedCause, found: Latency) -> bool:
     """Whether the delay of a joint may be the latency of all."""
     value = cause.parameters.get(NUMBER)
-    return value is not None and value.low <= found.high and found.low <= value.high
+    return (
+        value is not None
+        and not cause.rivals
+        and value.nominal == found.believed
+        and value.low <= found.high
+        and found.low <= value.high
+    )
 
 
 def _late_by(

@@ -390,3 +390,33 @@ def test_a_duty_in_a_unit_of_shares_becomes_a_share(tmp_path: Path, name: str, f
     """A duty in thousandths was called that of a joint 'permille', which has no position."""
     found = proposed(tmp_path, {**RAD, name: 300.0 * ANGLE}).mapping
     assert found.columns["joint.duty"] == f"{name}{factor}" and not found.questions
+
+
+def test_a_register_that_passes_the_middle_of_its_range_has_no_sign_to_lose(tmp_path: Path) -> None:
+    """One recording that crossed 0 made signed16 the reading of another, which then jumped by 65536."""
+    near, far = np.round(300.0 * ANGLE) % 65536.0, np.round(2000.0 * ANGLE) + 32768.0
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    for name, values in (("a.csv", near), ("b.csv", far)):
+        table(folder, {"time": TIME, **RAD, "current_mA": values}, name)
+    found = propose_for(folder, tmp_path / "out").mapping
+    assert "signed16" not in found.columns["joint.current"]
+
+
+def test_a_clock_that_overflows_has_lost_no_sign(tmp_path: Path) -> None:
+    stamps = (60_000.0 + 10.0 * np.arange(len(TIME))) % 65536.0
+    found = proposed(tmp_path, {"time_ms": stamps, **RAD})
+    assert "signed" not in found.text and "counter(<column>)" in asked(found)["time"]
+
+
+def test_a_reading_is_put_in_for_its_column_alone(tmp_path: Path) -> None:
+    lost, late = (np.round(600.0 * values) % 65536.0 for values in (ANGLE, LATE))
+    found = proposed(tmp_path, {"goal": lost, "pos": late}, "ticks").mapping
+    text = found.columns.get("joint.position", "")
+    assert text.count("signed16(pos)") == 1 and "2*pi/4096" in text
+
+
+def test_a_period_that_is_none_is_told_in_a_sentence() -> None:
+    for period in ("x", "0", "-1"):
+        with pytest.raises(LogError, match="takes a positive number as its period"):
+            evaluate(f"wrapped(x, {period})", {"x": TIME}, "here")

@@ -21,7 +21,8 @@ SECONDS_IN_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SECONDS_SINCE_1970 = (9e8, 4.2e9)  # [s] of 1998 to 2103
 DAYS = tuple(86400.0 / second for second in (1.0, 1e-3, 1e-6, 1e-9))
 """A day in the units of clocks."""
-OF_A_DAY = 0.01  # share of a day by which a jump back may be shorter: a recording has no rows for a while
+OF_A_DAY = 0.01  # share of a day by which a jump back may be shorter: a recording has no rows for a while; assumed
+LATE_ROWS = 100.0  # steps back at most from which rows are late, and no new recording or overflow; assumed
 NEVER = "it never changes"
 RATE = re.compile(r"(.*[._])?(fs|fps|hz|f_?sampl\w*|(sampl\w*|action|control|loop)_?(rate|freq\w*|hz))(_?hz)?", re.I)
 STEP = re.compile(r"(.*[._])?(ts|dt|delta_?t|t_?sampl\w*|sampl\w*(time|period|step|interval))(_[a-z]+)?", re.I)
@@ -193,9 +194,9 @@ def clock_fault(values: Array) -> str:
         said = f"it jumps back in row {int(finite[at + 1]) + 1}"
         if day := next((day for day in DAYS if abs(back / day - 1.0) < OF_A_DAY), 0.0):
             return f"{said}, as the time of day does at midnight: write wrapped(<column>, {day:g}), in seconds"
-        if np.nanmax(values[row:]) > values[row - 1]:
+        if back < LATE_ROWS * np.nanmedian(np.abs(steps)):
             return (
-                f"{said} and goes on beyond: leave out rows that come too late by `where: later(<column>)`, or part "
+                f"{said} by a few rows: leave out rows that come too late by `where: later(<column>)`, or part "
                 "the file where a recording ends"
             )
         return (

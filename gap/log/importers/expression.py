@@ -55,6 +55,18 @@ without_overflows = passing(_without_overflows)
 """A counter of 8 to 32 bits that runs on where it started from 0 again."""
 
 
+def wrapped(values: Any, period: Any) -> Array:
+    """What begins anew after a period, running on.
+
+    Raises:
+        LogError: the period is no positive number.
+    """
+    size = np.asarray(period, np.float64)
+    if size.ndim or not 0.0 < float(size) < math.inf:
+        raise LogError("wrapped(<column>, <period>) takes a positive number as its period, such as 86400.")
+    return passing(lambda known: np.unwrap(known, period=float(size)))(values)
+
+
 def hold(values: Any) -> Array:
     """A column with the last known value in each empty cell; those before the first known one stay empty."""
     cells = np.array(values, np.float64, ndmin=1)
@@ -121,7 +133,7 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "unwrap": (1, passing(np.unwrap)),
     "cumsum": (1, passing(np.cumsum)),
     "counter": (1, without_overflows),
-    "wrapped": (2, lambda values, period: passing(lambda known: np.unwrap(known, period=float(period)))(values)),
+    "wrapped": (2, wrapped),
     "signed16": (1, lambda counts: complement(counts, 16)),
     "signed32": (1, lambda counts: complement(counts, 32)),
     "sign_bit": (2, sign_bit),

@@ -59,7 +59,7 @@ STEPS = (
 SHARES = ", and that stay within 0 to 100"
 COUNTS = f"how many counts are a turn, and which one is 0 rad? {STEPS_A_TURN} and 0 stand in these lines"
 GOAL_COUNTS = (
-    f"how many counts of this goal are a turn, and which one is 0 rad? {STEPS_A_TURN} and {STEP_AT_ZERO} stand there"
+    f"how many of these counts are a turn, and which one is 0 rad? {STEPS_A_TURN} and {STEP_AT_ZERO} stand there"
 )
 SHARE = (
     "a share of the calibrated range, whose ends are low and high in rad (slide: m)? 0..100 is unit=percent beside "

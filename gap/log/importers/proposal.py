@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Collection, Sequence
 from collections.abc import Mapping as AnyMapping
@@ -15,9 +16,9 @@ import yaml
 from ..types import COMMANDS, TOLD, Array
 from .claims import ONLY_JOINT, Claimed, claims_of, first_of, is_action, placed, plain, ranked, renamed
 from .clocks import find_clock
-from .dialects import Dialect, claimed, dialects
-from .drive_lines import drive_line
-from .expression import evaluate, hold, lost_sign, measures, names_in, quoted
+from .dialects import Dialect, dialects
+from .drive_lines import SHARES_OF, drive_line
+from .expression import evaluate, hold, longest_jump, lost_sign, measures, names_in, quoted
 from .lines import (
     ACTIONS,
     ASK,
@@ -43,10 +44,10 @@ MEASURED_BY_MOTION = ("velocity", "torque", "current")
 LARGEST_WRITTEN = 1e9
 """A value beyond this, or as far below one, is memory that nobody wrote."""
 SIGNED_SHARE = 0.1
-"""Share of its size by which a voltage must go below zero to be no supply's."""
+"""Share of its size by which a voltage must go below zero to be no supply's; assumed."""
 ALIKE_FIT, ALIKE_WAY = 0.1, math.log(2.0)
 """By how much less of a motion a goal may explain, and how much less alike their ways may be, for a pair of goal and
-position to do as well as the best: names decide then."""
+position to do as well as the best: names decide then. Assumed."""
 LOAD_IN_PERCENT = (
     "Is it the duty, as the load of Feetech's servos is? Keep the line then; if it is a torque in percent, remove it"
 )
@@ -159,12 +160,20 @@ class _Proposer:
         self.share_strays()
         self.ask_for_what_lacks()
         for name, line in out.columns.items():
-            for column, reading in self.signed.items():
-                if column in names_in(line.text):
-                    text = line.text.replace(quoted(column), reading.replace("{}", quoted(column)))
-                    why = f"{line.why}; its sign was lost"
-                    out.columns[name] = line.but(text=text, why=why)
+            if read := [one for one in names_in(line.text) if one in self.signed]:
+                why = f"{line.why}; its sign was lost"
+                out.columns[name] = line.but(text=self.with_sign(line.text, read), why=why)
+        out.questions = [replace(one, ask=self.with_sign(one.ask, self.signed)) for one in out.questions]
         return out
+
+    def with_sign(self, text: str, columns: Collection[str]) -> str:
+        """A text with the readings of columns whose sign was lost in their places."""
+        for column in columns:
+            name = quoted(column)
+            edges = (r"(?<![\w.`])", r"(?![\w.\[`])") if name == column else ("", "")
+            reading = self.signed[column].replace("{}", name)
+            text = re.sub(edges[0] + re.escape(name) + edges[1], lambda _, to=reading: to, text)
+        return text
 
     def find_time(self) -> None:
         """The clock, and the columns that are claimed beside it."""
@@ -257,7 +266,7 @@ class _Proposer:
                 out.unused[claim.column] = "a commanded velocity beside no goal, or of zero"
             elif signal == "goal_velocity" and goal is not None:
                 self.put(f"{joint}.{signal}", goal_velocity_line(claim, goal), claim)
-            elif signal == "load" and claim.unit == "%" and "duty" not in chosen:
+            elif signal == "load" and claim.unit in SHARES_OF and "duty" not in chosen:
                 self.put(f"{joint}.duty", drive_line("duty", claim, moved).but(trust=ASK, ask=LOAD_IN_PERCENT), claim)
             elif signal == "load":
                 out.unused[claim.column] = "a register without a unit, no torque"
@@ -288,7 +297,9 @@ class _Proposer:
         known = np.abs(values[np.isfinite(values)])
         if signal in MEASURED_BY_MOTION and span(values) == 0.0:
             return f"a {signal} that never changes is not measured"
-        if signal == "voltage" and float(np.nanmin(values)) < -SIGNED_SHARE * float(known.max(initial=0.0)):
+        if signal == "voltage" and -float(values[np.isfinite(values)].min(initial=0.0)) > SIGNED_SHARE * float(
+            known.max(initial=0.0)
+        ):
             return "it changes its sign, as what a motor gets does: no voltage of the supply"
         odd = known[(known > LARGEST_WRITTEN) | ((known > 0.0) & (known < LARGEST_WRITTEN**-20))]
         if signal not in ("position", "goal") and len(odd):
@@ -355,24 +366,31 @@ class _Proposer:
 
 
 def _lost_signs(recordings: Sequence[Recording], known: Sequence[Dialect]) -> dict[str, str]:
-    """How columns are read whose sign was lost, by name, but for those that a dialect reads itself."""
-    said = claimed(recordings[0], known)
-    own = {column for column, claim in said.items() if "sign" in claim.formula or claim.signal == "time"}
-    found = {}
-    for recording in recordings:
-        for column, values in recording.columns.items():
-            if column not in own and column not in found and (reading := lost_sign(values)):
+    """How columns are read whose sign was lost, by name, but for clocks, and those that a dialect reads itself."""
+    found: dict[str, str] = {}
+    for column, claim in claims_of(recordings[0], known).items():
+        if "sign" in claim.formula or claim.signal in ("time", ""):
+            continue
+        runs = [one.columns[column] for one in recordings]
+        for reading in filter(None, map(lost_sign, runs)):
+            # a register that goes over the middle of its range, and not over 0, has no sign
+            if all(longest_jump(read_as(reading, values)) <= longest_jump(values) for values in runs):
                 found[column] = reading
+                break
     return found
 
 
 def _with_signs(recording: Recording, signed: AnyMapping[str, str]) -> Recording:
     """The recording with these columns as they are read."""
     columns = {
-        name: np.asarray(evaluate(signed[name].replace("{}", "x"), {"x": values}, name)) if name in signed else values
-        for name, values in recording.columns.items()
+        name: read_as(signed[name], values) if name in signed else values for name, values in recording.columns.items()
     }
     return replace(recording, columns=columns)
+
+
+def read_as(reading: str, values: Array) -> Array:
+    """A column (n,) by its reading."""
+    return np.asarray(evaluate(reading.replace("{}", "x"), {"x": values}, reading), np.float64)
 
 
 def spelled(joints: Collection[str], robot: Collection[str]) -> dict[str, str]:

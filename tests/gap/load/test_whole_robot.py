@@ -183,6 +183,28 @@ def test_a_body_that_two_joints_name_in_two_ways_is_made_heavier_once(recorded: 
     assert set(handed(lighter, surer)) == {"body.mass_factor"}, "what is named surest stays"
 
 
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_number_without_a_cause_takes_no_place_of_a_named_one(recorded: MeasuredRun, joint: str) -> None:
+    """A refitted factor of 1.02 stood for a payload of 0.1 kg, as both links 1.35 times as heavy."""
+    machine, (payload, cause) = robot(recorded), named("elbow", "load.payload", 0.1, 0.005, 0.98)
+    refitted = replace(change(joint, "load.mass_factor", 1.02), cause="", refitted=True)
+    found = of_robot(machine, [refitted, payload], {("elbow", payload.path): cause})
+    (hung,) = (item for item in found if item.path == "body.payload")
+    assert hung.after == pytest.approx(0.1) and hung.cause == "load.mass"
+    factors = [item.after for item in found if item.path == "body.mass_factor"]
+    assert all(0.95 < factor < 1.05 for factor in factors)
+
+
+def test_what_one_joint_found_of_both_kinds_stays_as_it_found_it(recorded: MeasuredRun) -> None:
+    lighter, payload = change("elbow", "load.mass_factor", 0.9), change("elbow", "load.payload", 0.1)
+    for cause in ("load.mass", ""):
+        found = of_robot(robot(recorded), [replace(one, cause=cause) for one in (lighter, payload)])
+        assert {item.path: item.after for item in found} == {
+            "body.mass_factor": pytest.approx(0.9, abs=1e-3),
+            "body.payload": pytest.approx(0.1),
+        }
+
+
 def test_joints_that_disagree_a_little_take_no_body_away(recorded: MeasuredRun) -> None:
     """A boom of 0.15 kg became one of 7.5 g, because two joints had tuned their loads by a few percent each."""
     for factors in ((0.94, 1.08), (1.06, 0.94)):
