@@ -1,8 +1,8 @@
 """The transfer studies that docs/results/transfer.md reports: ``python -m benchmarks.transfer``, which goes on.
 
-``python -m benchmarks.transfer eight`` does the second alone: more machines, fewer treatments. ``sealegs transfer``
-runs any other. Machines, seeds and steps were chosen before any result was seen, but for three of the eight machines,
-which are those of the first study. Machines below seed 900 are for development.
+``python -m benchmarks.transfer transfer_eight`` does the second alone: more machines, fewer treatments. ``sealegs
+transfer`` runs any other. Machines, seeds and steps were chosen before any result was seen, but for three of the eight
+machines, which are those of the first study. Machines below seed 900 are for development.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from benchmarks.kept import RESULTS, command, study
 EVERY = ("seed=5900", "total_timesteps=64000")
 STUDIES = {
     "transfer": ("robots=[bench,pan_tilt,leg]", "machines=2", "seeds=2", *EVERY),
-    "eight": (
+    "transfer_eight": (
         "robots=[bench,pan_tilt]", "machines=4", "seeds=1", *EVERY,
         "treatments=[nominal, hand-made randomisation, extended, limit]",
     ),
@@ -42,9 +42,9 @@ def main() -> None:
     if unknown := [name for name in names if name not in STUDIES]:
         parser.error(f"there is no study '{unknown[0]}'; there are {', '.join(STUDIES)}")
     for name in names:
-        folder = Path("runs/transfer-reported") if name == "transfer" else Path(f"runs/transfer-{name}")
+        folder = Path(f"runs/{name.replace('_', '-')}-reported")
         transfer([*STUDIES[name], f"out={folder}"])
-        keep(folder, "transfer" if name == "transfer" else f"transfer_{name}")
+        keep(folder, name)
 
 
 if __name__ == "__main__":

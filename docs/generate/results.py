@@ -438,7 +438,7 @@ def transfer() -> dict[str, Any]:
     (extended,) = (row for row in eight["figures"] if row["treatment"] == "extended")
     hide = {name for name, own in eight["hidden"].items() if any(one["name"] == "play" for one in own["effects"])}
     behind = [f"`{name}`" for name, own in eight["errors"].items() if _closed(own, "extended") < 0.8 and name in hide]
-    ways = sorted(_closed(own, "extended") for own in eight["errors"].values())
+    ways = [_closed(own, "extended") for own in eight["errors"].values()]
     return {
         "table": table(first.heads, first.rows),
         "eight": table(*_eight(eight["errors"])),

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ..checks.drive import predicted
 from ..checks.stops import Stop
 from ..log.finding import MAX_TOLD
 from ..log.parts import FIT_A, FIT_B, PARTS, Unit
@@ -182,11 +183,16 @@ def propose(
                 )
     if best is None:
         return None
+    sentence = experiment_sentence(best, loads, blind, alone=along is None, lacking=lacking(problem))
+    return dataclasses.replace(best, sentence=sentence)
+
+
+def lacking(problem: JointProblem) -> list[str]:
+    """Columns of the effort that would tell more of a joint: its chain predicts them, and its log has none."""
     logged = {name for c, name in enumerate(problem.channels) if np.isfinite(problem.measured[:, c]).any()}
-    lacking = [name for name in COLUMNS if name not in logged]
-    return dataclasses.replace(
-        best, sentence=experiment_sentence(best, loads, blind, alone=along is None, lacking=lacking)
-    )
+    driven = problem.free_joint is None
+    wanted = (name for name in predicted(problem.models[0].chain) if driven or name != "torque")
+    return [name for name in wanted if name not in logged]
 
 
 def experiment_sentence(

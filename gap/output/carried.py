@@ -92,15 +92,9 @@ class Bodies:
     told: Told
 
     @cached_property
-    def felt(self) -> dict[int, np.ndarray]:
-        """What joints feel of each body (bodies,), as it is asked for."""
-        return {}
-
-    def weights(self, joint: int) -> np.ndarray:
-        """What a joint feels of each body (bodies,)."""
-        if joint not in self.felt:
-            self.felt[joint] = weight_felt(self.robot.model, joint)
-        return self.felt[joint]
+    def felt(self) -> list[np.ndarray]:
+        """What each joint feels of each body (bodies,)."""
+        return [weight_felt(self.robot.model, joint) for joint in range(self.robot.model.njnt)]
 
     def end(self, change: Change) -> int:
         """The body at whose end the payload of a joint is."""
@@ -108,7 +102,7 @@ class Bodies:
 
     def per_payload(self, joint: int, body: int) -> float:
         """What a joint feels of 1 kg at the end of a body, as a share of all that it carries."""
-        whole = float(self.weights(joint).sum())
+        whole = float(self.felt[joint].sum())
         return point_felt(self.robot.model, joint, body, tip_of(self.robot.model, body)) / whole if whole > 0.0 else 0.0
 
     def share(self, change: Change, value: float) -> float:
@@ -146,7 +140,7 @@ class Bodies:
         rows, wanted, halves = [], [], []
         for one in said:
             joint = self.robot.number(one.joint)
-            felt = self.weights(joint)
+            felt = self.felt[joint]
             whole = float(felt.sum())
             if whole <= 0.0:
                 continue
@@ -165,8 +159,8 @@ class Bodies:
         table, goal, half = np.array(rows), np.array(wanted), np.array(halves)
         weight = half.min() / half
         # joints that contradict each other by a little would otherwise take nearly all of a light body's mass away
-        most = MAX_DILUTION * max([abs(one.after - 1.0) for one in said if one.path == FACTOR] or [1e-9])
-        bound = np.array([max(most, 1e-9)] * len(groups) + [np.inf] * len(ends))
+        most = MAX_DILUTION * max([1e-9, *(abs(one.after - 1.0) for one in said if one.path == FACTOR)])
+        bound = np.array([most] * len(groups) + [np.inf] * len(ends))
         x = lsq_linear(
             np.concatenate([weight[:, None] * table, BELIEF_WEIGHT * np.eye(table.shape[1])[: len(groups)]]),
             np.concatenate([weight * goal, np.zeros(len(groups))]),

@@ -8,16 +8,14 @@ import textwrap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ...common import plugins
 from ...common.errors import SealegsError
 from ...envs.described.robot_file import is_robot_file
 from ...envs.extended import read_extended
 from ...envs.robots import ROBOTS, get_robot
-from ..checks.drive import EFFORTS, predicted
+from ..checks.drive import EFFORTS
 from ..experiment import DetectionLimit
-from ..experiment.proposal import EXPERIMENT_REPEATS, VISIBLE_DIFFERENCE
+from ..experiment.proposal import COLUMNS, EXPERIMENT_REPEATS, VISIBLE_DIFFERENCE, lacking
 from ..log.finding import MAX_TOLD
 from ..log.sidecar import read_sidecar
 from ..measure.case import ROBOT
@@ -317,22 +315,17 @@ def next_step(
 
 def _needed(diagnoses: Sequence[JointDiagnosis]) -> str:
     """What a log would have to show more of: motion, load, and columns that a chain predicts and that it lacks."""
-    lacking = [name for name in EFFORTS if any(name in _lacking(item) for item in diagnoses)]
+    lacked = [name for name in EFFORTS if any(name in _lacking(item) for item in diagnoses)]
     ways = ["a wider and faster motion (limits=)", "another load"]
-    if lacking:
-        ways.append(f"the column{'s' if len(lacking) > 1 else ''} {listed(lacking)}")
+    if lacked:
+        ways.append(f"the column{'s' if len(lacked) > 1 else ''} {listed(lacked)}")
     return f"{', '.join(ways[:-1])}{',' if len(ways) > 2 else ''} or {ways[-1]}"
 
 
 def _lacking(diagnosis: JointDiagnosis) -> Sequence[str]:
     """Columns of effort that would tell more of a joint."""
     joint = None if diagnosis.problem is None else diagnosis.problem.joint
-    if joint is None:
-        return ("current", "duty")
-    logged = {name for c, name in enumerate(joint.channels) if np.isfinite(joint.measured[:, c]).any()}
-    driven = joint.free_joint is None
-    wanted = [name for name in predicted(joint.models[0].chain) if driven or name != "torque"]
-    return [name for name in wanted if name not in logged]
+    return COLUMNS if joint is None else lacking(joint)
 
 
 def _by_torque(diagnosis: JointDiagnosis) -> bool:

@@ -21,7 +21,8 @@ from .simulator import CHANNELS, replay_many
 
 PLACES = slice(0, 2)  # channels that are positions
 ADRIFT = 2.0  # [s] within which a joint that is told speeds keeps its place; assumed
-SAG = "supply.resistance"
+RESISTANCE = "supply.resistance"
+"""Number of the supply under which all drives of a robot sag."""
 NO_TERMS = np.zeros((0, T_COLUMNS))
 
 
@@ -52,7 +53,7 @@ class FreeProblem(JointProblem):
             return super().systematic_error(path)
         current = self.channels.index("current")
         guessed = not self.weight[current] and bool(self.terms[:, T_DRAWN].any())
-        return math.hypot(OF_A_ROBOT, TIGHT) if guessed and address(path).number == SAG else OF_A_ROBOT
+        return math.hypot(OF_A_ROBOT, TIGHT) if guessed and address(path).number == RESISTANCE else OF_A_ROBOT
 
     def picture(self, named: str) -> str:
         """The one that the cause names."""

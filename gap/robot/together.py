@@ -17,6 +17,7 @@ from ..measure.confidence import moved, standing, with_shares
 from ..measure.measured import Measured
 from ..measure.named import Error, NamedCause, Value
 from ..prepare.request import Request
+from ..replay.free import RESISTANCE
 from ..replay.parameters import numbers
 from ..replay.problem import NOISE_FLOORS, Problem
 from ..search.forward import NUMERICAL
@@ -25,7 +26,7 @@ from ..search.look import Look, look
 from ..search.structure import fine, listed
 from ..verdict.verdict import EXPLAINED, NOTHING, PARTLY, JointDiagnosis, Reason, Refused, Verdict, certainty, subject
 
-SAG, RESISTANCE = "drive.supply_sag", "supply.resistance"
+SAG = "drive.supply_sag"
 SUPPLY_SENTENCE = "The supply that all joints draw from drops under their currents."
 SENTENCE = "Commands take effect at another time than the model believes, at all joints alike: the bus."
 EXPLAINED_SHARE = 0.5  # of the gaps of all joints, from which what they share explains them

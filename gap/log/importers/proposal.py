@@ -230,9 +230,8 @@ class _Proposer:
         values = run.columns[goal.column]
         goes = following(self.clock(run), hold(values), run.columns[position.column])
         own, other = (measures(one.unit, "angle", "way") for one in (position, goal))
-        known = own is not None and other is not None
         times = goes.scale * (own.factor / other.factor if own and other else 1.0)
-        alike = known or position.unit == goal.unit
+        alike = bool(own and other) or position.unit == goal.unit
         return (goes.fit if goes.scale > 0.0 else 0.0), abs(math.log(times)) if alike and times > 0.0 else 0.0
 
     def position(self, joint: str, chosen: dict[str, Claim], signals: dict[str, list[Claim]]) -> Position:

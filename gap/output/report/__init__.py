@@ -184,7 +184,7 @@ def _joint(
         "limits": limit_rows(limits_told(diagnosis)),
         "data_errors": diagnosis.data_errors,
         "tuned_share": percent(diagnosis.tuned_share) if diagnosis.tuned_share >= 5e-4 else "",
-        "rest": (rest_of(diagnosis), REST[rest_of(diagnosis)]),
+        "rest": (rest := rest_of(diagnosis), REST[rest]),
         "signal": diagnosis.signal,
         "first_look": _first_look(diagnosis, data.runs),
         "gap": _gap(diagnosis),
